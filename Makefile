@@ -1,0 +1,101 @@
+# Every target runs in one virtual environment, made from the pinned versions in constraints.txt.
+#   VENV=DIR     another environment than .venv       PYTHON=PATH  the interpreter that makes it
+#   ARGS='...'   further arguments of the command that a target runs
+
+VENV ?= .venv
+PYTHON ?=
+ARGS ?=
+
+PY := $(VENV)/bin/python
+STAMP := $(VENV)/.installed
+UNFINISHED := $(VENV)/.unfinished
+
+# Run, not looked up: a pyenv shim answers to `which` without being a Python, and Debian splits venv off.
+SUPPORTED := import ensurepip, sys, venv; \
+	sys.exit(sys.implementation.name != "cpython" or not (3, 11) <= sys.version_info[:2] <= (3, 13))
+
+.DEFAULT_GOAL := help
+.PHONY: help install cuda sweep diagnose pretrain benchmark test test-slow check format lock clean FORCE
+
+help: ## list the targets
+	@echo "mpge-jax. The first target that needs it installs everything into $(VENV) (Python 3.11 to 3.13)."
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s  %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@echo "Arguments are passed on in ARGS, e.g. make sweep ARGS='--task BrokenCheetah --method MPGE-MS direct'"
+
+install: $(STAMP) ## make .venv and install the pinned versions (done by the others when needed)
+	@echo "== $(VENV) is ready"
+
+cuda: $(STAMP) ## add JAX for NVIDIA GPUs and MJX-Warp (Linux)
+	@echo "== Adding the CUDA 12 wheels of JAX and MJX-Warp to $(VENV)"
+	$(PY) -m pip install --disable-pip-version-check --no-input --no-build-isolation \
+		-c constraints.txt -e '.[cuda]'
+
+sweep: $(STAMP) ## the main job: compare all methods on a quick task (20 minutes on two cores)
+	$(PY) -m experiments.sweep --preset quick $(ARGS)
+
+diagnose: $(STAMP) ## name the mismatch in recordings: ARGS='--model M.xml --recordings DIR --out DIR'
+	$(PY) -m experiments.diagnose $(ARGS)
+
+pretrain: $(STAMP) ## train the source policies that ship with the project anew
+	$(PY) -m experiments.pretrain $(ARGS)
+
+benchmark: $(STAMP) ## measure simulation and grounding speed on this machine
+	$(PY) -m experiments.benchmark $(ARGS)
+
+test: $(STAMP) ## run the tests
+	$(PY) -m pytest $(ARGS)
+
+test-slow: $(STAMP) ## run the long tests too
+	$(PY) -m pytest -m 'slow or not slow' $(ARGS)
+
+check: $(STAMP) ## lint, formatting and types
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m mypy
+
+format: $(STAMP) ## format the code and apply the linter's safe fixes
+	$(PY) -m ruff check --fix .
+	$(PY) -m ruff format .
+
+lock: $(STAMP) ## write constraints.txt anew from pyproject.toml (newest versions, every supported Python)
+	$(PY) -m pip install --disable-pip-version-check --quiet uv
+	$(PY) -m uv pip compile pyproject.toml --universal --python-version 3.11 --all-extras --upgrade \
+		--no-annotate --quiet --custom-compile-command 'make lock' --output-file constraints.txt
+
+clean: ## remove caches and build products (keeps .venv and results)
+	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name '.?*' -prune -o -type d -name __pycache__ -exec rm -rf {} +
+
+# A stamp is worth nothing when the interpreter behind it is gone.
+ifneq ($(shell $(PY) -c 'print("runs")' 2>/dev/null),runs)
+$(STAMP): FORCE
+endif
+
+# An install that was cut short leaves $(UNFINISHED) behind: packages may be half there, so start over.
+$(STAMP): pyproject.toml constraints.txt
+	@if [ -e '$(UNFINISHED)' ]; then \
+		echo "== The last installation into $(VENV) was not finished: starting over"; \
+		rm -rf '$(VENV)'; \
+	fi
+	@if ! $(PY) -c '$(SUPPORTED)' 2>/dev/null; then \
+		python=; \
+		for candidate in $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python); do \
+			if "$$candidate" -c '$(SUPPORTED)' >/dev/null 2>&1; then python=$$candidate; break; fi; \
+		done; \
+		if [ -z "$$python" ]; then \
+			echo "No Python 3.11, 3.12 or 3.13 with venv was found" \
+				"(tried: $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python))." \
+				"Install one (Debian, Ubuntu: apt-get install python3-venv)," \
+				"or name it: make install PYTHON=/path/to/python3" >&2; \
+			exit 2; \
+		fi; \
+		echo "== Making $(VENV) with $$("$$python" --version) ($$python)"; \
+		mkdir -p '$(VENV)' && touch '$(UNFINISHED)' && "$$python" -m venv '$(VENV)'; \
+	fi
+	@touch '$(UNFINISHED)'
+	@echo "== Installing the pinned versions into $(VENV) (a few minutes the first time)"
+	@$(PY) -m pip install --disable-pip-version-check --no-input --quiet -c constraints.txt hatchling editables
+	@$(PY) -m pip install --disable-pip-version-check --no-input --no-build-isolation \
+		-c constraints.txt -e '.[dev]'
+	@mv '$(UNFINISHED)' '$@'
+	@touch '$@'

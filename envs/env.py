@@ -1,0 +1,80 @@
+"""The environment: a task, perhaps a variant of it, and the engine that moves it."""
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from envs.types import Engine, State, Task, Variant
+
+
+class Env:
+    """Pure `reset(key) -> State` and `step(state, action) -> State` of one environment; batch with `jax.vmap`.
+
+    Attributes:
+      name: of the variant, or of the task where there is none.
+      task: what is asked.
+      variant: how the dynamics differ, or None.
+      model: the compiled `MjModel`.
+      observation_size, action_size: O and A.
+      action_low, action_high: the action box, `[A]`, in the actuators' own units.
+      dt: seconds of one step.
+      max_steps: time limit of an episode in steps.
+    """
+
+    def __init__(self, task: Task, model: mujoco.MjModel, engine: Engine, variant: Variant | None = None):
+        self.name = task.name if variant is None else variant.name
+        self.task = task
+        self.variant = variant
+        self.model = model
+        self.engine = engine
+        self.action_size = int(model.nu)
+        self.action_low, self.action_high = (np.array(side, np.float32) for side in model.actuator_ctrlrange.T)
+        self.dt = float(model.opt.timestep * task.frame_skip)
+        self.max_steps = task.max_steps
+        self.observation_size = int(jax.eval_shape(self.reset, jax.random.key(0)).obs.shape[0])
+
+    def reset(self, key: jax.Array) -> State:
+        """The first state of an episode. `key` is consumed."""
+        return self._first_state(*self.task.reset(key))
+
+    def state_from_obs(self, obs: jax.Array) -> State:
+        """A state that has the observation `obs [O]`, at step 0 of an episode (free root positions are 0).
+
+        Raises:
+          ValueError: where the task's observation does not determine its state.
+        """
+        if self.task.to_state is None:
+            raise ValueError(f"{self.task.name} has no to_state: its observation does not determine the state")
+        return self._first_state(*self.task.to_state(obs))
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """One step under `action [A]`, clipped to the action box. `done` is `terminated` or `truncated`."""
+        if action.shape != (self.action_size,):
+            raise ValueError(f"{self.name}.step wants an action of shape ({self.action_size},), got {action.shape}")
+        low, high = jnp.asarray(self.action_low, action.dtype), jnp.asarray(self.action_high, action.dtype)
+        if self.variant is not None and self.variant.action is not None:
+            action = self.variant.action(action, low, high)
+        data = self.engine.step(state.data, jnp.clip(action, low, high), self.task.frame_skip)
+        reward, metrics = self.task.reward(state.data, action, data, self.dt)
+        obs = self.task.observe(data)
+        steps = state.info["steps"] + 1
+        terminated = self.task.terminated(data).astype(obs.dtype)
+        truncated = (steps >= self.max_steps).astype(obs.dtype)
+        info = {
+            **state.info,
+            "terminated": terminated,
+            "truncated": truncated,
+            "steps": steps,
+            "next_obs": obs,
+        }
+        return State(data, obs, reward, jnp.maximum(terminated, truncated), metrics, info)
+
+    def _first_state(self, qpos: jax.Array, qvel: jax.Array) -> State:
+        data = self.engine.init(qpos, qvel)
+        obs = self.task.observe(data)
+        zero = jnp.zeros((), obs.dtype)
+        action = jnp.zeros(self.action_size, obs.dtype)
+        _, metrics = self.task.reward(data, action, data, self.dt)
+        info = {"terminated": zero, "truncated": zero, "steps": jnp.zeros((), jnp.int32), "next_obs": obs}
+        return State(data, obs, zero, zero, jax.tree.map(jnp.zeros_like, metrics), info)

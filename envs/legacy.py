@@ -1,0 +1,29 @@
+"""Capsule inertia of MuJoCo before 2.1.2, with which the paper's experiments ran.
+
+Those engines took a capsule's mass and inertia from a cylinder of the same radius, half a radius longer at each end.
+"""
+
+import mujoco
+
+
+def use_legacy_inertia(spec: mujoco.MjSpec) -> None:
+    """Gives every capsule of `spec` the mass and inertia of its longer cylinder; contacts are unchanged.
+
+    Each capsule becomes massless, and a cylinder that touches nothing is added to its body to carry the mass.
+    """
+    compiled = spec.copy().compile()
+    for geom in list(spec.geoms):
+        if geom.type != mujoco.mjtGeom.mjGEOM_CAPSULE:
+            continue
+        radius, half_length = compiled.geom_size[geom.id][:2]
+        twin = geom.parent.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[radius, half_length + radius / 2, 0.0],
+            pos=compiled.geom_pos[geom.id],
+            quat=compiled.geom_quat[geom.id],
+            contype=0,
+            conaffinity=0,
+            group=5,
+        )
+        twin.density, twin.mass = geom.density, geom.mass
+        geom.mass = 0.0

@@ -1,0 +1,112 @@
+"""Names to environments."""
+
+import difflib
+import importlib.util
+import warnings
+from collections.abc import Iterable
+
+import jax
+import mujoco
+
+from envs.c_engine import CEngine
+from envs.env import Env
+from envs.legacy import use_legacy_inertia
+from envs.tasks import TASKS
+from envs.types import Engine, Task, Variant
+from envs.variants import VARIANTS
+
+BACKENDS = ("auto", "c", "mjx", "warp")
+DYNAMICS = ("mujoco", "legacy")
+
+_tasks: dict[str, Task] = {task.name: task for task in TASKS}
+_variants: dict[str, Variant] = {variant.name: variant for variant in VARIANTS}
+
+
+def names() -> list[str]:
+    """Every name that `make` takes: tasks first, then variants."""
+    return [*_tasks, *_variants]
+
+
+def source_of(name: str) -> str:
+    """The task that the environment `name` is a variant of; `name` itself for a task."""
+    _check(name, names(), "environment")
+    return _variants[name].task if name in _variants else name
+
+
+def register(item: Task | Variant) -> None:
+    """Adds a task or a variant of a registered task, for `make`.
+
+    Raises:
+      ValueError: the name is taken, or the variant's task is unknown.
+    """
+    if item.name in names():
+        raise ValueError(f"an environment named {item.name!r} is registered already")
+    if isinstance(item, Variant):
+        _check(item.task, _tasks, "task")
+        _variants[item.name] = item
+    else:
+        _tasks[item.name] = item
+
+
+def build_model(task: Task, variant: Variant | None = None, dynamics: str = "mujoco") -> mujoco.MjModel:
+    """Compiles a task's model with a variant's changes."""
+    _check(dynamics, DYNAMICS, "dynamics")
+    spec = task.spec()
+    if variant is not None and variant.spec is not None:
+        variant.spec(spec)
+    if dynamics == "legacy":
+        use_legacy_inertia(spec)
+    model = spec.compile()
+    total_mass = task.total_mass if variant is None or variant.total_mass is None else variant.total_mass
+    if total_mass is not None:
+        mujoco.mj_setTotalmass(model, total_mass)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def make(name: str, backend: str = "auto", dynamics: str = "mujoco") -> Env:
+    """An environment by name.
+
+    Args:
+      name: one of `names()`.
+      backend: "c" (MuJoCo's C engine), "mjx" (MJX in JAX), "warp" (MJX-Warp), or "auto": "c" on CPU, "warp" on an NVIDIA
+        GPU where Warp is installed, else "mjx".
+      dynamics: "mujoco" as installed, or "legacy" with the capsule inertia of MuJoCo before 2.1.2.
+
+    Raises:
+      ValueError: a name that is not known (the nearest is offered).
+    """
+    _check(name, names(), "environment")
+    _check(backend, BACKENDS, "backend")
+    variant = _variants.get(name)
+    task = _tasks[source_of(name)]
+    model = build_model(task, variant, dynamics)
+    return Env(task, model, _engine(model, backend), variant)
+
+
+def _engine(model: mujoco.MjModel, backend: str) -> Engine:
+    if backend == "auto":
+        backend = _best_backend()
+    if backend == "c":
+        return CEngine(model)
+    # MJX takes seconds to import and is not needed on CPU.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        from envs.mjx_engine import MJXEngine
+
+    return MJXEngine(model, "warp" if backend == "warp" else "jax")
+
+
+def _best_backend() -> str:
+    if jax.default_backend() == "cpu":
+        return "c"
+    nvidia = jax.default_backend() in ("gpu", "cuda")
+    return "warp" if nvidia and importlib.util.find_spec("warp") else "mjx"
+
+
+def _check(name: str, known: Iterable[str], kind: str) -> None:
+    known = list(known)
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ValueError(f"unknown {kind} {name!r}{hint} (known: {', '.join(known)})")

@@ -1,0 +1,97 @@
+"""The contract between tasks, variants, engines and environments."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import flax.struct
+import jax
+import mujoco
+
+Observe = Callable[[Any], jax.Array]
+Reward = Callable[[Any, jax.Array, Any, float], tuple[jax.Array, dict[str, jax.Array]]]
+
+
+@flax.struct.dataclass
+class State:
+    """One environment between two steps; fields as in MuJoCo Playground and brax.
+
+    Attributes:
+      data: the engine's physics state. Every engine gives at least `qpos [nq]`, `qvel [nv]`, `time []`.
+      obs: observation, `[O]`.
+      reward: reward of the step that led here, `[]`.
+      done: 1 where the episode ended here, `[]`.
+      metrics: parts of the reward, scalars.
+      info: `terminated`, `truncated` (0 or 1, apart), `steps` (of the episode so far), `next_obs` (the
+        observation that the last step truly led to, also where a wrapper has reset `obs`).
+    """
+
+    data: Any
+    obs: jax.Array
+    reward: jax.Array
+    done: jax.Array
+    metrics: dict[str, jax.Array]
+    info: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is simulated and what is asked of it. All functions are pure and written for one environment.
+
+    Attributes:
+      name: unique name.
+      spec: returns a fresh `MjSpec` at every call.
+      frame_skip: physics steps in one environment step.
+      reset: `key -> (qpos [nq], qvel [nv])`.
+      observe: `data -> obs [O]`.
+      reward: `(data before, action [A], data after, dt in s) -> (reward [], metrics)`.
+      terminated: `data -> bool []`.
+      to_state: `obs [O] -> (qpos [nq], qvel [nv])`, the inverse of `observe` up to coordinates that move nothing
+        (a free root position is set to 0); None where an observation does not determine the state.
+      total_mass: scale all masses and inertias to this total in kg, or leave them (None).
+      max_steps: time limit of an episode in environment steps.
+    """
+
+    name: str
+    spec: Callable[[], mujoco.MjSpec]
+    frame_skip: int
+    reset: Callable[[jax.Array], tuple[jax.Array, jax.Array]]
+    observe: Observe
+    reward: Reward
+    terminated: Callable[[Any], jax.Array]
+    to_state: Callable[[jax.Array], tuple[jax.Array, jax.Array]] | None = None
+    total_mass: float | None = None
+    max_steps: int = 1000
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A target: a task whose dynamics differ. Data, not a subclass.
+
+    Attributes:
+      name: unique name.
+      task: name of the task that it changes.
+      about: one sentence for lists and reports.
+      spec: edits the `MjSpec` in place before it is compiled.
+      action: `(action [A], low [A], high [A]) -> action [A]`, what the target executes in its place.
+      total_mass: replaces the task's total mass, in kg.
+    """
+
+    name: str
+    task: str
+    about: str
+    spec: Callable[[mujoco.MjSpec], None] | None = None
+    action: Callable[[jax.Array, jax.Array, jax.Array], jax.Array] | None = None
+    total_mass: float | None = None
+
+
+class Engine(Protocol):
+    """Physics behind an environment: two pure functions, jit- and vmap-able."""
+
+    def init(self, qpos: jax.Array, qvel: jax.Array) -> Any:
+        """Physics state at `qpos [nq]`, `qvel [nv]`, time 0, without warm start."""
+        ...
+
+    def step(self, data: Any, ctrl: jax.Array, count: int) -> Any:
+        """`count` physics steps under `ctrl [nu]` held constant."""
+        ...

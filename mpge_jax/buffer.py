@@ -1,0 +1,125 @@
+"""A replay buffer that lives on the device: a ring of transitions with a fixed capacity.
+
+Pure functions on a frozen pytree, so that a buffer can be scanned over, vmapped over seeds and donated. Jit
+`add_batch` (or the step that calls it) with `donate_argnums` for the buffer: XLA then writes the new rows in place
+instead of copying the whole ring.
+
+Shapes: `N` new transitions, `B` batch size, `O` observation size, `A` action size.
+"""
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+
+@struct.dataclass
+class Transition:
+    """What SAC learns from. Leading axes are free: `[N]`, `[B]`, `[capacity]`.
+
+    There is no `truncated` here on purpose: a time limit does not change the value of `next_obs`, so nothing that
+    bootstraps may look at it. `next_obs` must be the true next observation, never the one after an auto-reset.
+    """
+
+    obs: jax.Array  # [..., O]
+    action: jax.Array  # [..., A], in the environment's units
+    reward: jax.Array  # [...]
+    next_obs: jax.Array  # [..., O]
+    terminated: jax.Array  # [...], 1.0 where the task itself ended, else 0.0
+
+
+@struct.dataclass
+class ReplayBuffer:
+    """A ring of transitions.
+
+    Attributes:
+      rows: the transitions, packed side by side so that a batch is one gather, `[capacity, 2 O + A + 2]`.
+      position: index of the row written next.
+      size: number of valid rows.
+      obs_size, action_size: `O` and `A` (static).
+    """
+
+    rows: jax.Array
+    position: jax.Array
+    size: jax.Array
+    obs_size: int = struct.field(pytree_node=False)
+    action_size: int = struct.field(pytree_node=False)
+
+    @property
+    def capacity(self) -> int:
+        return self.rows.shape[-2]
+
+
+def init(capacity: int, obs_size: int, action_size: int) -> ReplayBuffer:
+    """An empty buffer for `capacity` transitions.
+
+    Raises:
+      ValueError: a size below 1.
+    """
+    for name, value in (("capacity", capacity), ("obs_size", obs_size), ("action_size", action_size)):
+        if value < 1:
+            raise ValueError(f"{name} of a replay buffer must be at least 1, got {value}.")
+    rows = jnp.zeros((capacity, 2 * obs_size + action_size + 2), jnp.float32)
+    zero = jnp.zeros((), jnp.int32)
+    return ReplayBuffer(rows, zero, zero, obs_size, action_size)
+
+
+def add_batch(buffer: ReplayBuffer, transitions: Transition) -> ReplayBuffer:
+    """Writes `N` transitions over the oldest rows.
+
+    Args:
+      transitions: fields `[N, ...]`, `N` at most the capacity.
+
+    Raises:
+      ValueError: more transitions than rows, or shapes that do not fit the buffer.
+    """
+    obs_size, action_size = buffer.obs_size, buffer.action_size
+    count = transitions.obs.shape[0]
+    expected = {
+        "obs": (count, obs_size),
+        "action": (count, action_size),
+        "reward": (count,),
+        "next_obs": (count, obs_size),
+        "terminated": (count,),
+    }
+    for name, shape in expected.items():
+        if getattr(transitions, name).shape != shape:
+            raise ValueError(
+                f"{name} of the transitions has shape {getattr(transitions, name).shape}, "
+                f"but this replay buffer takes {shape}."
+            )
+    if count > buffer.capacity:
+        raise ValueError(f"Cannot add {count} transitions at once to a replay buffer of {buffer.capacity} rows.")
+    new = jnp.concatenate(
+        [
+            transitions.obs,
+            transitions.action,
+            transitions.reward[:, None],
+            transitions.next_obs,
+            transitions.terminated[:, None],
+        ],
+        axis=-1,
+        dtype=jnp.float32,
+    )
+    index = (buffer.position + jnp.arange(count)) % buffer.capacity
+    return buffer.replace(
+        rows=buffer.rows.at[index].set(new, unique_indices=True, mode="promise_in_bounds"),
+        position=(buffer.position + count) % buffer.capacity,
+        size=jnp.minimum(buffer.size + count, buffer.capacity),
+    )
+
+
+def sample(buffer: ReplayBuffer, key: jax.Array, batch_size: int) -> Transition:
+    """`[B]` transitions drawn uniformly with replacement from the valid rows. `key` is consumed.
+
+    The buffer must hold at least one transition: an empty one yields zeros.
+    """
+    index = jax.random.randint(key, (batch_size,), 0, buffer.size)
+    rows = buffer.rows.at[index].get(mode="promise_in_bounds")
+    o, a = buffer.obs_size, buffer.action_size
+    return Transition(
+        obs=rows[:, :o],
+        action=rows[:, o : o + a],
+        reward=rows[:, o + a],
+        next_obs=rows[:, o + a + 1 : 2 * o + a + 1],
+        terminated=rows[:, -1],
+    )

@@ -1,0 +1,170 @@
+"""Load a MuJoCo model so that every parameter can vary at run time, and name its parts."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.errors import InputError
+
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def _check_includes(path: Path, root: Path, seen: set[Path]) -> None:
+    """Refuse includes and assets that leave the model's folder."""
+    if path in seen:
+        return
+    seen.add(path)
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read the model file {path.name}: {error.strerror or error}.") from None
+    if b"<!ENTITY" in text or b"<!DOCTYPE" in text:
+        raise InputError(f"{path.name} contains a DOCTYPE or ENTITY declaration; remove it.")
+    try:
+        tree = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise InputError(f"{path.name} is not well-formed XML ({error}); repair the file.") from None
+    for element in tree.iter():
+        for key in ("file", "meshdir", "texturedir", "assetdir"):
+            value = element.get(key)
+            if not value:
+                continue
+            target = (root / value).resolve()
+            if not target.is_relative_to(root):
+                raise InputError(
+                    f"{path.name}: <{element.tag} {key}={value!r}> lies outside of the model's folder; "
+                    "copy what it names into that folder."
+                )
+            if element.tag == "include":
+                _check_includes(target, root, seen)
+
+
+def load_spec(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
+    """Read a model description; includes must stay inside the model's folder.
+
+    Raises:
+        InputError: the file is missing, malformed, or refers to files outside of its folder.
+    """
+    if isinstance(source, mujoco.MjSpec):
+        return source.copy()
+    path = Path(source)
+    if not path.is_file():
+        raise InputError(f"the model file {path} does not exist; give the path of an MJCF or URDF file.")
+    _check_includes(path.resolve(), path.resolve().parent, set())
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(f"MuJoCo cannot load {path.name}: {' '.join(str(error).split())}") from None
+
+
+def _scale_to_total_mass(spec: mujoco.MjSpec) -> float:
+    """Remove the deprecated `settotalmass`; return the factor that the masses need instead."""
+    total = float(spec.compiler.settotalmass)
+    if total <= 0:
+        return 1.0
+    spec.compiler.settotalmass = -1
+    plain = spec.compile()
+    return total / float(plain.body_mass.sum())
+
+
+def compile_variable(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compile with the constant-inertia shortcuts off, so that masses and frames may vary per simulation."""
+    spec = spec.copy()
+    factor = _scale_to_total_mass(spec)
+    for body in spec.bodies[1:]:
+        body.simple = False
+    try:
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(f"MuJoCo cannot compile the model: {' '.join(str(error).split())}") from None
+    if factor != 1.0:
+        model.body_mass[:] *= factor
+        model.body_inertia[:] *= factor
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    if model.nv == 0:
+        raise InputError("the model has no joint, so there is nothing to diagnose.")
+    return model
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names of a model's parts as reports use them; unnamed parts go by kind and index."""
+
+    joints: tuple[str, ...]
+    actuators: tuple[str, ...]
+    bodies: tuple[str, ...]
+    geoms: tuple[str, ...]
+
+    def joint_of_dof(self, model: mujoco.MjModel, dof: int) -> str:
+        return self.joints[int(model.dof_jntid[dof])]
+
+
+def names_of(model: mujoco.MjModel) -> Names:
+    """Names of joints, actuators, bodies, geoms. An unnamed actuator goes by the joint that it drives."""
+
+    def name(kind: mujoco.mjtObj, i: int, word: str) -> str:
+        return mujoco.mj_id2name(model, kind, i) or f"{word}_{i}"
+
+    joints = tuple(name(mujoco.mjtObj.mjOBJ_JOINT, i, "joint") for i in range(model.njnt))
+    actuators = []
+    for i in range(model.nu):
+        given = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i)
+        if not given and is_joint_transmission(model, i):
+            given = joints[int(model.actuator_trnid[i, 0])]
+        actuators.append(given or f"actuator_{i}")
+    bodies = ("world", *(name(mujoco.mjtObj.mjOBJ_BODY, i, "body") for i in range(1, model.nbody)))
+    geoms = tuple(name(mujoco.mjtObj.mjOBJ_GEOM, i, "geom") for i in range(model.ngeom))
+    return Names(joints, tuple(actuators), bodies, geoms)
+
+
+def is_joint_transmission(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether the actuator drives one hinge or slide joint directly."""
+    if model.actuator_trntype[actuator] not in (
+        mujoco.mjtTrn.mjTRN_JOINT,
+        mujoco.mjtTrn.mjTRN_JOINTINPARENT,
+    ):
+        return False
+    return int(model.jnt_type[model.actuator_trnid[actuator, 0]]) in (_HINGE, _SLIDE)
+
+
+def scalar_joints(model: mujoco.MjModel) -> list[int]:
+    """Indices of hinge and slide joints."""
+    return [j for j in range(model.njnt) if int(model.jnt_type[j]) in (_HINGE, _SLIDE)]
+
+
+def floating_base_joints(model: mujoco.MjModel) -> set[int]:
+    """Joints that place a floating base in the world: free joints, and three or more joints on one root body.
+
+    They stand for no machine part, so joint effects are not looked for there.
+    """
+    base: set[int] = set()
+    for body in range(1, model.nbody):
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        joints = set(range(first, first + count)) if count else set()
+        if any(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE for j in joints) or (
+            count >= 3 and model.body_parentid[body] == 0
+        ):
+            base |= joints
+    return base
+
+
+def actuators_of_joint(model: mujoco.MjModel, joint: int) -> list[int]:
+    return [
+        a
+        for a in range(model.nu)
+        if is_joint_transmission(model, a) and int(model.actuator_trnid[a, 0]) == joint
+    ]
+
+
+def moving_bodies(model: mujoco.MjModel) -> list[int]:
+    """Bodies that can move and carry mass."""
+    return [
+        b
+        for b in range(1, model.nbody)
+        if model.body_weldid[b] != 0 and float(model.body_mass[b]) > 0 and np.isfinite(model.body_mass[b])
+    ]

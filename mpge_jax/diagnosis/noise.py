@@ -1,0 +1,70 @@
+"""Measurement noise and quantisation, estimated from the recordings alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+Array = np.ndarray
+_MAD = 1.4826
+MIN_ROWS = 12
+
+
+def difference_noise(time: Array, value: Array, order: int = 8) -> Array:
+    """Normalised divided differences [T - order]: unit-variance combinations that cancel smooth motion.
+
+    Weights are those of the divided difference on the actual sample times (jitter is no noise), scaled to unit
+    norm, so that white noise of deviation s gives values of deviation s.
+    """
+    n = time.size - order
+    index = np.arange(n)[:, None] + np.arange(order + 1)
+    t = time[index]
+    t = (t - t.mean(1, keepdims=True)) / np.ptp(t, axis=1)[:, None]
+    gaps = t[:, :, None] - t[:, None, :] + np.eye(order + 1)
+    weights = 1.0 / gaps.prod(-1)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    return (weights * value[index]).sum(1)
+
+
+def noise_level(time: Array, value: Array) -> float:
+    """Deviation of white measurement noise: median absolute 8th (or lower) difference, whichever is least."""
+    if value.size < MIN_ROWS:
+        return float("nan")
+    levels = []
+    for order in (4, 6, 8):
+        d = np.abs(difference_noise(time, value, order))
+        levels.append(_MAD * float(np.median(d)))
+        moving = d[d > 0]
+        if moving.size > 0.2 * d.size:
+            # long rests of a quantised encoder must not hide the noise of the moving parts
+            levels[-1] = max(levels[-1], 0.5 * _MAD * float(np.median(moving)))
+    return min(levels)
+
+
+def quantum(value: Array) -> float:
+    """Step of a quantised signal, 0 when there is none that matters."""
+    steps = np.abs(np.diff(value))
+    steps = steps[steps > 1e-12 * max(1.0, float(np.abs(value).max()))]
+    if steps.size < 8:
+        return 0.0
+    q = float(np.quantile(steps, 0.01))
+    ratio = steps / q
+    error = np.abs(ratio - np.round(ratio))
+    single = float(np.spacing(np.float32(np.abs(value).max())))
+    if q <= 4 * single:
+        return 0.0
+    return q if np.mean(error < 0.02 + single / q) > 0.97 and ratio.max() > 1.5 else 0.0
+
+
+def column_noise(times: list[Array], values: list[Array]) -> tuple[float, float]:
+    """(noise deviation including quantisation, quantum) of one column over several recordings."""
+    levels, quanta = [], []
+    for t, v in zip(times, values, strict=True):
+        if np.isnan(v).all():
+            continue
+        levels.append(noise_level(t, v))
+        quanta.append(quantum(v))
+    levels = [x for x in levels if np.isfinite(x)]
+    if not levels:
+        return float("nan"), 0.0
+    level, q = float(np.median(levels)), float(np.median(quanta))
+    return max(level, q / np.sqrt(12)), q

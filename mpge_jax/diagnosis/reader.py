@@ -1,0 +1,161 @@
+"""Read recordings from `.npz` and `.csv` files; no pickles are ever loaded."""
+
+from __future__ import annotations
+
+import csv
+import zipfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.model import Names
+from mpge_jax.diagnosis.recording import Recording, chain_transitions, validate
+
+MAX_VALUES = 400_000_000
+"""Most numbers read from one file (about 3 GB); longer logs must be cut."""
+_KEYS = {"time": "time", "qpos": "qpos", "qvel": "qvel", "ctrl": "ctrl", "actuator_force": "force"}
+
+
+def read_npz(path: Path) -> dict[str, np.ndarray]:
+    """Arrays of a recording by their contract key.
+
+    Raises:
+        InputError: the file is damaged, holds pickled objects, or lacks `time` or `qpos`.
+    """
+    out: dict[str, np.ndarray] = {}
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            if not isinstance(data, np.lib.npyio.NpzFile):
+                raise InputError(f"{path.name} is a single array, not an .npz archive.")
+            for key in _KEYS:
+                if key in data.files:
+                    out[key] = data[key]
+    except InputError:
+        raise
+    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError) as error:
+        reason = "it holds pickled objects" if "allow_pickle" in str(error) else "the file is damaged"
+        raise InputError(f"cannot read {path.name}: {reason}; save plain arrays with numpy.savez.") from None
+    except Exception as error:  # zlib and header parsers raise types of their own on damaged bytes
+        raise InputError(f"cannot read {path.name}: {type(error).__name__} while reading it.") from None
+    return out
+
+
+def read_csv(path: Path, model: mujoco.MjModel, names: Names) -> dict[str, np.ndarray]:
+    """Columns `time`, `qpos:JOINT`, `qvel:JOINT`, `ctrl:ACTUATOR`, `actuator_force:ACTUATOR` of a CSV file."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file)
+            header = [h.strip() for h in next(reader, [])]
+            rows = [row for row in reader if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"cannot read {path.name}: {error}.") from None
+    if len(set(header)) != len(header):
+        raise InputError(f"{path.name}: a column appears twice in the header.")
+    try:
+        table = np.array([[float(x) if x.strip() else np.nan for x in row] for row in rows])
+    except ValueError as error:
+        raise InputError(f"{path.name}: a cell is not a number ({error}).") from None
+    if table.ndim != 2 or table.shape[1] != len(header):
+        raise InputError(f"{path.name}: rows do not all have the {len(header)} columns of the header.")
+    out = {"qpos": np.full((len(table), model.nq), np.nan)}
+    places = _csv_places(model, names)
+    for column, title in enumerate(header):
+        if title == "time":
+            out["time"] = table[:, column]
+            continue
+        key, _, rest = title.partition(":")
+        if key not in _KEYS:
+            continue
+        if (key, rest) not in places:
+            known = ", ".join(n for k, n in places if k == key)
+            raise InputError(f"{path.name}: column '{title}' names nothing in the model (known: {known}).")
+        width = {"qpos": model.nq, "qvel": model.nv}.get(key, model.nu)
+        array = out.setdefault(key, np.full((len(table), width), np.nan))
+        array[:, places[key, rest]] = table[:, column]
+    return out
+
+
+def _csv_places(model: mujoco.MjModel, names: Names) -> dict[tuple[str, str], int]:
+    places: dict[tuple[str, str], int] = {}
+    for j, joint in enumerate(names.joints):
+        for key, start, total, table in (
+            ("qpos", int(model.jnt_qposadr[j]), model.nq, model.jnt_qposadr),
+            ("qvel", int(model.jnt_dofadr[j]), model.nv, model.jnt_dofadr),
+        ):
+            end = int(table[j + 1]) if j + 1 < model.njnt else total
+            for i in range(start, end):
+                places[key, joint if end - start == 1 else f"{joint}:{i - start}"] = i
+    for a, actuator in enumerate(names.actuators):
+        places["ctrl", actuator] = a
+        places["actuator_force", actuator] = a
+    return places
+
+
+def read_recording(
+    path: Path, model: mujoco.MjModel, names: Names, columns: Mapping[str, object] | None = None
+) -> Recording:
+    """Read and check one file. `columns` renames and converts (see `mapping.apply`)."""
+    data = read_csv(path, model, names) if path.suffix.lower() == ".csv" else read_npz(path)
+    if columns:
+        from mpge_jax.diagnosis.mapping import apply
+
+        data = apply(path, data, columns, model, names)
+    for key in ("time", "qpos"):
+        if key not in data:
+            raise InputError(f"{path.name}: there is no '{key}'; a recording needs 'time' and 'qpos'.")
+    arrays: dict[str, np.ndarray] = {}
+    for key, value in data.items():
+        if value.dtype.kind not in "fiub":
+            raise InputError(f"{path.name}: '{key}' does not hold numbers but {value.dtype}.")
+        if value.size > MAX_VALUES:
+            raise InputError(f"{path.name}: '{key}' has {value.size} values; cut the recording into parts.")
+        value = np.asarray(value, dtype=float)
+        if value.ndim == 1 and key != "time":
+            value = value[:, None]
+        arrays[_KEYS[key]] = value
+    force = arrays.get("force")
+    if force is not None and np.isnan(force).all():
+        arrays.pop("force")
+    if model.nu == 0:
+        arrays.pop("ctrl", None)
+        arrays.pop("force", None)
+    return validate(Recording(name=path.stem, **arrays), model, names)
+
+
+def find_files(paths: Iterable[str | Path]) -> list[Path]:
+    """Recording files of the given files and folders, sorted by name; other files in a folder are left alone."""
+    files: list[Path] = []
+    for entry in map(Path, paths):
+        if entry.is_dir():
+            inside = sorted(p for p in entry.iterdir() if p.suffix.lower() in (".npz", ".csv") and p.is_file())
+            if not inside:
+                raise InputError(f"the folder {entry} holds no .npz or .csv file.")
+            files += [p for p in inside if p.name != "next_experiment.npz"]
+        elif entry.is_file():
+            if entry.suffix.lower() not in (".npz", ".csv"):
+                raise InputError(f"{entry.name} is neither .npz nor .csv.")
+            files.append(entry)
+        else:
+            raise InputError(f"the recording {entry} does not exist.")
+    unique = list(dict.fromkeys(p.resolve() for p in files))
+    stems = [p.stem for p in unique]
+    twice = next((s for s in stems if stems.count(s) > 1), None)
+    if twice is not None:
+        raise InputError(f"two recordings have the name '{twice}'; rename one of them.")
+    return unique
+
+
+def load_recordings(
+    paths: Iterable[str | Path],
+    model: mujoco.MjModel,
+    names: Names,
+    columns: Mapping[str, object] | None = None,
+) -> list[Recording]:
+    """Read every recording; two-row transitions that follow each other are joined into episodes."""
+    files = find_files(paths)
+    if not files:
+        raise InputError("no recording was given.")
+    return chain_transitions([read_recording(p, model, names, columns) for p in files])

@@ -1,0 +1,224 @@
+"""The discriminator D(s, a, s'): is a transition the grounded simulator's or the target's?
+
+Signs are named, not remembered: everything below works on `logits_grounded_is_high`, the log-odds that a transition
+is grounded, and the reward of the action transformer is high where a transition looks like the target's. The labels
+of the paper (grounded 1) and of its authors' experiments (grounded 0) differ by the sign of the network's output
+alone.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+import optax
+from flax import struct
+from flax.linen.initializers import xavier_uniform
+
+from mpge_jax import normalise
+from mpge_jax.networks import MLP
+from mpge_jax.policy_gradient import Metrics, Params
+
+# The authors clip D to [1e-8, 1 - 1e-8] before the logarithm.
+MAX_REWARD = -math.log(1e-8)
+
+
+@dataclass(frozen=True)
+class DiscriminatorConfig:
+    """Settings of the discriminator.
+
+    Attributes:
+      hidden: width of each tanh layer.
+      learning_rate: of Adam.
+      entropy_coefficient: weight of the mean entropy (nats) of D's verdicts, which is to be large.
+      penalty_coefficient: weight of the gradient penalty; 0 leaves it out.
+      penalty_target: norm that the gradient of the logit is drawn to, on normalised inputs.
+      interpolation: where the penalty is taken between a grounded and a target row: at a weight drawn anew for
+        every pair ("per_sample", as in WGAN-GP), or at one weight for each feature, drawn once for the whole run
+        ("constant", as in the authors' experiments).
+      labels: "paper" for grounded 1 and target 0, "release" for the reverse.
+      std_floor: least standard deviation that inputs are divided by.
+    """
+
+    hidden: tuple[int, ...] = (256, 256)
+    learning_rate: float = 3e-4
+    entropy_coefficient: float = 1e-3
+    penalty_coefficient: float = 10.0
+    penalty_target: float = 1.0
+    interpolation: Literal["per_sample", "constant"] = "per_sample"
+    labels: Literal["paper", "release"] = "paper"
+    std_floor: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("learning_rate", "std_floor"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"DiscriminatorConfig: {name} must be positive, got {getattr(self, name)}.")
+        for name in ("entropy_coefficient", "penalty_coefficient", "penalty_target"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(
+                    f"DiscriminatorConfig: {name} must not be negative, got {getattr(self, name)}."
+                )
+        for name, known in (("interpolation", ("per_sample", "constant")), ("labels", ("paper", "release"))):
+            if getattr(self, name) not in known:
+                raise ValueError(
+                    f"DiscriminatorConfig: {name} must be one of {known}, got {getattr(self, name)!r}."
+                )
+
+
+@struct.dataclass
+class Transitions:
+    """B transitions: `observation` `[B, O]`, the rollout policy's `action` `[B, A]`, `next_observation` `[B, O]`.
+
+    `action` is what the policy asked for, in the grounded simulator too: never the transformed action.
+    """
+
+    observation: jax.Array
+    action: jax.Array
+    next_observation: jax.Array
+
+
+@struct.dataclass
+class DiscriminatorState:
+    """A discriminator.
+
+    Attributes:
+      params: of the network.
+      optimiser: state of Adam.
+      stats: of (s, a), `[O + A]`, over all grounded and target rows learned from.
+      interpolation: the weights of "constant" interpolation, `[2 O + A]`.
+    """
+
+    params: Params
+    optimiser: optax.OptState
+    stats: normalise.RunningStats
+    interpolation: jax.Array
+
+
+def _network(config: DiscriminatorConfig) -> nn.Module:
+    return MLP((*config.hidden, 1), nn.tanh, hidden_init=xavier_uniform())
+
+
+def init(
+    key: jax.Array, observation_size: int, action_size: int, config: DiscriminatorConfig
+) -> DiscriminatorState:
+    """A fresh discriminator that has seen no data. `key` is consumed."""
+    network_key, interpolation_key = jax.random.split(key)
+    inputs = 2 * observation_size + action_size
+    params = _network(config).init(network_key, jnp.zeros((1, inputs)))
+    return DiscriminatorState(
+        params=params,
+        optimiser=optax.adam(config.learning_rate).init(params),
+        stats=normalise.init(observation_size + action_size),
+        interpolation=jax.random.uniform(interpolation_key, (inputs,)),
+    )
+
+
+def network_inputs(stats: normalise.RunningStats, rows: Transitions, std_floor: float) -> jax.Array:
+    """`[norm(s, a), norm(s')]`, `[B, 2 O + A]`; s' is normalised by the statistics of s, so that s' - s survives."""
+    size = rows.observation.shape[-1]
+    of_s = normalise.RunningStats(stats.count, stats.mean[:size], stats.variance[:size])
+    pair = jnp.concatenate([rows.observation, rows.action], axis=-1)
+    return jnp.concatenate(
+        [
+            normalise.normalise(stats, pair, std_floor),
+            normalise.normalise(of_s, rows.next_observation, std_floor),
+        ],
+        axis=-1,
+    )
+
+
+def _grounded_is_high(params: Params, inputs: jax.Array, config: DiscriminatorConfig) -> jax.Array:
+    sign = 1.0 if config.labels == "paper" else -1.0
+    return sign * _network(config).apply(params, inputs)[..., 0]
+
+
+def logits_grounded_is_high(
+    state: DiscriminatorState, rows: Transitions, config: DiscriminatorConfig
+) -> jax.Array:
+    """Log-odds `[B]` that each transition is the grounded simulator's."""
+    return _grounded_is_high(state.params, network_inputs(state.stats, rows, config.std_floor), config)
+
+
+def reward(state: DiscriminatorState, rows: Transitions, config: DiscriminatorConfig) -> jax.Array:
+    """Reward of the action transformer, `[B]`, in [0, 18.4]: high where a transition looks like the target's."""
+    return reward_from_logits(logits_grounded_is_high(state, rows, config))
+
+
+def reward_from_logits(grounded_is_high: jax.Array) -> jax.Array:
+    """`-log clip(P(grounded), 1e-8, 1 - 1e-8)`, written so that it neither overflows nor rounds to a step."""
+    return jnp.clip(jax.nn.softplus(-grounded_is_high), -math.log1p(-1e-8), MAX_REWARD)
+
+
+def update(
+    state: DiscriminatorState,
+    grounded: Transitions,
+    target: Transitions,
+    key: jax.Array,
+    config: DiscriminatorConfig,
+) -> tuple[DiscriminatorState, Metrics]:
+    """One gradient step on as many grounded as target rows, B each. `key` is consumed.
+
+    The statistics of the inputs take in both batches first.
+
+    Returns:
+      The new state and health metrics, each `[]`, from before the step: `loss`, `gradient_penalty` (unweighted),
+      `accuracy_grounded` and `accuracy_target` (share of rows told right), `entropy` (mean, nats; log 2 is a coin
+      toss), `logit_gap` (mean grounded logit less mean target logit).
+    """
+    if grounded.observation.shape != target.observation.shape:
+        raise ValueError(
+            "discriminator.update: grounded and target rows are interpolated in pairs and must have one shape, got "
+            f"{grounded.observation.shape} and {target.observation.shape}."
+        )
+    both = jax.tree.map(lambda g, t: jnp.concatenate([g, t]), grounded, target)
+    stats = normalise.update(state.stats, jnp.concatenate([both.observation, both.action], axis=-1))
+    inputs = network_inputs(stats, both, config.std_floor)
+    rows = grounded.observation.shape[0]
+    if config.interpolation == "per_sample":
+        weight = jax.random.uniform(key, (rows, 1))
+    else:
+        weight = state.interpolation[None]
+
+    (_, metrics), gradient = jax.value_and_grad(loss, has_aux=True)(
+        state.params, inputs[:rows], inputs[rows:], weight, config
+    )
+    change, optimiser = optax.adam(config.learning_rate).update(gradient, state.optimiser)
+    params = optax.apply_updates(state.params, change)
+    return state.replace(params=params, optimiser=optimiser, stats=stats), metrics
+
+
+def loss(
+    params: Params, grounded: jax.Array, target: jax.Array, weight: jax.Array, config: DiscriminatorConfig
+) -> tuple[jax.Array, Metrics]:
+    """Cross-entropy of each side, less the entropy bonus, plus the gradient penalty; and the health metrics.
+
+    Args:
+      grounded: normalised inputs `[B, I]`; `target` likewise.
+      weight: of the grounded row in the interpolation, `[B, 1]` or `[1, I]`.
+    """
+    rows = grounded.shape[0]
+    logits = _grounded_is_high(params, jnp.concatenate([grounded, target]), config)
+    of_grounded, of_target = logits[:rows], logits[rows:]
+    cross_entropy = jnp.mean(jax.nn.softplus(-of_grounded)) + jnp.mean(jax.nn.softplus(of_target))
+    entropy = jnp.mean(jax.nn.softplus(-logits) + logits * jax.nn.sigmoid(-logits))
+    penalty = gradient_penalty(params, weight * grounded + (1.0 - weight) * target, config)
+    total = cross_entropy - config.entropy_coefficient * entropy + config.penalty_coefficient * penalty
+    return total, {
+        "loss": total,
+        "gradient_penalty": penalty,
+        "accuracy_grounded": jnp.mean((of_grounded > 0).astype(jnp.float32)),
+        "accuracy_target": jnp.mean((of_target < 0).astype(jnp.float32)),
+        "entropy": entropy,
+        "logit_gap": jnp.mean(of_grounded) - jnp.mean(of_target),
+    }
+
+
+def gradient_penalty(params: Params, inputs: jax.Array, config: DiscriminatorConfig) -> jax.Array:
+    """`mean (|d logit / d input| - target)^2` over `inputs` `[B, I]` (Gulrajani et al., 2017, equation 3)."""
+    # Rows do not influence each other, so the gradient of the sum holds every row's own gradient.
+    slopes = jax.grad(lambda x: jnp.sum(_grounded_is_high(params, x, config)))(inputs)
+    # The derivative of a norm at zero is undefined; the small term keeps it finite.
+    norms = jnp.sqrt(jnp.sum(slopes**2, axis=-1) + 1e-12)
+    return jnp.mean((norms - config.penalty_target) ** 2)

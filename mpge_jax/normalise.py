@@ -1,0 +1,55 @@
+"""Running mean and variance of a stream of batches (Chan, Golub and LeVeque, 1979), and scaling by them."""
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+
+@struct.dataclass
+class RunningStats:
+    """Statistics of all rows seen so far.
+
+    Attributes:
+      count: number of rows, `[]`; 0 at the start, when `normalise` is the identity.
+      mean: `[F]`.
+      variance: population variance, `[F]`.
+    """
+
+    count: jax.Array
+    mean: jax.Array
+    variance: jax.Array
+
+
+def init(size: int) -> RunningStats:
+    """Statistics of no row at all: mean 0, variance 1."""
+    return RunningStats(count=jnp.zeros(()), mean=jnp.zeros(size), variance=jnp.ones(size))
+
+
+def update(stats: RunningStats, rows: jax.Array) -> RunningStats:
+    """Statistics of the rows seen before and of `rows` `[B, F]`, B > 0, together."""
+    if rows.ndim != 2 or rows.shape[0] == 0 or rows.shape[1] != stats.mean.shape[0]:
+        raise ValueError(
+            f"normalise.update: expected rows of shape [B > 0, {stats.mean.shape[0]}], got {list(rows.shape)}; "
+            "flatten the leading axes first."
+        )
+    size = rows.shape[0]
+    count = stats.count + size
+    new_weight = size / count
+    gap = rows.mean(axis=0) - stats.mean
+    within = (1.0 - new_weight) * stats.variance + new_weight * rows.var(axis=0)
+    return RunningStats(
+        count=count,
+        mean=stats.mean + new_weight * gap,
+        variance=within + new_weight * (1.0 - new_weight) * gap**2,
+    )
+
+
+def scale(stats: RunningStats, floor: float) -> jax.Array:
+    """Standard deviation `[F]`, at least `floor`: a feature that hardly moves is not blown up to unit size."""
+    return jnp.maximum(jnp.sqrt(stats.variance), floor)
+
+
+def normalise(stats: RunningStats, x: jax.Array, floor: float) -> jax.Array:
+    """`(x - mean) / max(std, floor)` for `x` `[..., F]`."""
+    shape = (1,) * (x.ndim - 1) + stats.mean.shape
+    return (x - stats.mean.reshape(shape)) / scale(stats, floor).reshape(shape)

@@ -1,0 +1,62 @@
+"""What TRPO and PPO share: the batch they learn from, the policy they update, the treatment of advantages.
+
+A policy is its parameters (any pytree) and a function `distribution(params, inputs) -> (mean, log_std)`, both
+`[B, A]`: a diagonal Gaussian. `trpo` and `ppo` have the same two functions,
+
+    init(params, config) -> State                 with `State.params`
+    update(state, batch, key, distribution, config) -> (State, metrics)
+
+so that either can stand in for the other.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+Params = Any
+Metrics = dict[str, jax.Array]
+Distribution = Callable[[Params, jax.Array], tuple[jax.Array, jax.Array]]
+
+
+@struct.dataclass
+class PolicyBatch:
+    """B decisions of the policy that is to be updated.
+
+    Attributes:
+      inputs: what the policy saw, `[B, I]`.
+      actions: what it drew, before any clipping, `[B, A]`.
+      log_probs: log-probability of `actions` when they were drawn, `[B]`.
+      advantages: `[B]`, in any unit: `update` standardises them.
+    """
+
+    inputs: jax.Array
+    actions: jax.Array
+    log_probs: jax.Array
+    advantages: jax.Array
+
+
+def standardise(advantages: jax.Array) -> jax.Array:
+    """Advantages `[B]` with mean 0 and standard deviation 1; all zero where they are all alike.
+
+    Called once an update, over the whole batch, by `trpo.update` and `ppo.update`, and nowhere else.
+    """
+    centred = advantages - advantages.mean()
+    return centred / (jnp.sqrt(jnp.mean(centred**2)) + 1e-8)
+
+
+def minibatch_indices(key: jax.Array, batch_size: int, minibatch_size: int, epochs: int) -> jax.Array:
+    """Row numbers `[epochs * (batch_size // minibatch_size), minibatch_size]`, a fresh shuffle every epoch.
+
+    The rows that do not fill a last minibatch sit out that epoch. `key` is consumed.
+    """
+    if minibatch_size > batch_size:
+        raise ValueError(
+            f"A minibatch of {minibatch_size} rows cannot be drawn from a batch of {batch_size}; "
+            "lower the minibatch size or collect more steps."
+        )
+    per_epoch = batch_size // minibatch_size
+    shuffled = jax.vmap(lambda k: jax.random.permutation(k, batch_size))(jax.random.split(key, epochs))
+    return shuffled[:, : per_epoch * minibatch_size].reshape(epochs * per_epoch, minibatch_size)

@@ -1,0 +1,224 @@
+"""Soft actor-critic with automatic temperature (Haarnoja et al. 2018, arXiv:1812.05905).
+
+A pair of pure functions, `init` and `update`, and `update_many`, which runs any number of updates from a replay
+buffer on the device in one compiled call. Everything vmaps over seeds: a leading axis on state, buffer and keys.
+
+Shapes: `B` batch size, `O` observation size, `A` action size.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import optax
+from flax import struct
+from flax.linen.initializers import variance_scaling
+
+from mpge_jax import buffer as replay
+from mpge_jax.buffer import ReplayBuffer, Transition
+from mpge_jax.distributions import gaussian_entropy, tanh_gaussian_sample
+from mpge_jax.networks import MLP
+
+LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
+# PyTorch's default for linear layers, U(+-1/sqrt(fan_in)): what the paper's agent (Stable-Baselines3) starts from.
+_INIT = variance_scaling(1.0 / 3.0, "fan_in", "uniform")
+
+
+@dataclass(frozen=True)
+class SACConfig:
+    """Hyperparameters; the defaults are the paper's.
+
+    Attributes:
+      hidden: widths of the hidden ReLU layers of actor and critics.
+      actor_lr, critic_lr, alpha_lr: Adam learning rates.
+      tau: rate of the moving average of the target critics.
+      gamma: discount.
+      batch_size: transitions an update learns from.
+      target_entropy: entropy, in nats of the action squashed to (-1, 1), that the temperature steers to; `-A` where None.
+      init_alpha: temperature at the start.
+    """
+
+    hidden: tuple[int, ...] = (256, 256)
+    actor_lr: float = 3e-4
+    critic_lr: float = 3e-4
+    alpha_lr: float = 3e-4
+    tau: float = 0.005
+    gamma: float = 0.99
+    batch_size: int = 256
+    target_entropy: float | None = None
+    init_alpha: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.hidden or min(self.hidden) < 1:
+            raise ValueError(f"hidden must name at least one layer, each of width 1 or more, got {self.hidden}.")
+        for name in ("actor_lr", "critic_lr", "alpha_lr", "init_alpha"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}.")
+        if not 0 < self.tau <= 1:
+            raise ValueError(f"tau must lie in (0, 1], got {self.tau}.")
+        if not 0 <= self.gamma <= 1:
+            raise ValueError(f"gamma must lie in [0, 1], got {self.gamma}.")
+        if self.batch_size < 1:
+            raise ValueError(f"batch_size must be at least 1, got {self.batch_size}.")
+
+
+@struct.dataclass
+class Actor:
+    """A policy: all that is needed to act."""
+
+    params: Any
+    action_scale: jax.Array  # [A]; actions are tanh(.) * action_scale
+
+
+@struct.dataclass
+class SACState:
+    actor: Actor
+    critic: Any  # both critics, a leading axis of 2 on every leaf
+    target_critic: Any
+    log_alpha: jax.Array
+    actor_opt: optax.OptState
+    critic_opt: optax.OptState
+    alpha_opt: optax.OptState
+    step: jax.Array
+
+
+def _actor_net(action_size: int, config: SACConfig) -> MLP:
+    return MLP((*config.hidden, 2 * action_size), hidden_init=_INIT)
+
+
+def _critic_net(config: SACConfig) -> MLP:
+    return MLP((*config.hidden, 1), hidden_init=_INIT)
+
+
+def init(
+    key: jax.Array, obs_size: int, action_size: int, action_scale: jax.typing.ArrayLike, config: SACConfig
+) -> SACState:
+    """Fresh networks and optimisers. `key` is consumed."""
+    actor_key, critic_key = jax.random.split(key)
+    scale = jnp.asarray(action_scale, jnp.float32)
+    if scale.shape != (action_size,):
+        raise ValueError(f"action_scale must have shape ({action_size},), one entry an action, got {scale.shape}.")
+    actor = Actor(_actor_net(action_size, config).init(actor_key, jnp.zeros(obs_size)), scale)
+    critic = jax.vmap(_critic_net(config).init, (0, None))(
+        jax.random.split(critic_key), jnp.zeros(obs_size + action_size)
+    )
+    return _fresh(actor, critic, jnp.log(jnp.float32(config.init_alpha)), config)
+
+
+def warm_start(actor: Actor, critic: Any, log_alpha: jax.Array, config: SACConfig) -> SACState:
+    """Continues from a trained policy: its actor, critics and temperature, with fresh optimisers and targets."""
+    return _fresh(actor, critic, log_alpha, config)
+
+
+def _fresh(actor: Actor, critic: Any, log_alpha: jax.Array, config: SACConfig) -> SACState:
+    return SACState(
+        actor=actor,
+        critic=critic,
+        target_critic=jax.tree.map(jnp.copy, critic),
+        log_alpha=log_alpha,
+        actor_opt=optax.adam(config.actor_lr).init(actor.params),
+        critic_opt=optax.adam(config.critic_lr).init(critic),
+        alpha_opt=optax.adam(config.alpha_lr).init(log_alpha),
+        step=jnp.zeros((), jnp.int32),
+    )
+
+
+def distribution(actor: Actor, obs: jax.Array, config: SACConfig) -> tuple[jax.Array, jax.Array]:
+    """Mean and log-std `[..., A]` of the Gaussian before squashing, at `obs` `[..., O]`."""
+    out = _actor_net(actor.action_scale.shape[-1], config).apply(actor.params, obs)
+    mean, log_std = jnp.split(out, 2, axis=-1)
+    return mean, jnp.clip(log_std, LOG_STD_MIN, LOG_STD_MAX)
+
+
+def _scaled(actor: Actor, squashed: jax.Array) -> jax.Array:
+    return squashed * jnp.broadcast_to(actor.action_scale, squashed.shape)
+
+
+def act(actor: Actor, obs: jax.Array, key: jax.Array | None, config: SACConfig) -> jax.Array:
+    """Actions `[..., A]` at `obs` `[..., O]`: a sample where a key is given (consumed), else the mode tanh(mean)."""
+    mean, log_std = distribution(actor, obs, config)
+    squashed = jnp.tanh(mean) if key is None else tanh_gaussian_sample(key, mean, log_std)[0]
+    return _scaled(actor, squashed)
+
+
+def policy_entropy(actor: Actor, obs: jax.Array, config: SACConfig) -> jax.Array:
+    """Entropy `[...]` in nats of the Gaussian before squashing."""
+    return gaussian_entropy(distribution(actor, obs, config)[1])
+
+
+def q_values(critic: Any, obs: jax.Array, action: jax.Array, config: SACConfig) -> jax.Array:
+    """Both critics at `(obs [B, O], action [B, A])`: `[2, B]`."""
+    x = jnp.concatenate([obs, action], axis=-1)
+    return jax.vmap(_critic_net(config).apply, (0, None))(critic, x)[..., 0]
+
+
+def update(
+    state: SACState, batch: Transition, key: jax.Array, config: SACConfig
+) -> tuple[SACState, dict[str, jax.Array]]:
+    """One step on critics, actor, temperature and target critics. `key` is consumed."""
+    target_key, actor_key = jax.random.split(key)
+    alpha = jnp.exp(state.log_alpha)
+    action_size = batch.action.shape[-1]
+    target_entropy = -float(action_size) if config.target_entropy is None else config.target_entropy
+
+    next_squashed, next_log_prob, _ = tanh_gaussian_sample(
+        target_key, *distribution(state.actor, batch.next_obs, config)
+    )
+    next_q = q_values(state.target_critic, batch.next_obs, _scaled(state.actor, next_squashed), config).min(axis=0)
+    target = batch.reward + config.gamma * (1.0 - batch.terminated) * (next_q - alpha * next_log_prob)
+
+    def critic_loss_fn(critic):
+        q = q_values(critic, batch.obs, batch.action, config)
+        return 0.5 * jnp.square(q - target[None]).mean(axis=1).sum(), q.mean()
+
+    (critic_loss, q_mean), grads = jax.value_and_grad(critic_loss_fn, has_aux=True)(state.critic)
+    updates, critic_opt = optax.adam(config.critic_lr).update(grads, state.critic_opt)
+    critic = optax.apply_updates(state.critic, updates)
+
+    def actor_loss_fn(params):
+        actor = state.actor.replace(params=params)
+        squashed, log_prob, _ = tanh_gaussian_sample(actor_key, *distribution(actor, batch.obs, config))
+        q = q_values(critic, batch.obs, _scaled(actor, squashed), config).min(axis=0)
+        return (alpha * log_prob - q).mean(), log_prob
+
+    (actor_loss, log_prob), grads = jax.value_and_grad(actor_loss_fn, has_aux=True)(state.actor.params)
+    updates, actor_opt = optax.adam(config.actor_lr).update(grads, state.actor_opt)
+    actor = state.actor.replace(params=optax.apply_updates(state.actor.params, updates))
+
+    # d/d(log alpha) of -log_alpha * (log_prob + target_entropy): up where the entropy is below its target.
+    alpha_grad = -(log_prob + target_entropy).mean()
+    alpha_update, alpha_opt = optax.adam(config.alpha_lr).update(alpha_grad, state.alpha_opt)
+
+    new = SACState(
+        actor=actor,
+        critic=critic,
+        target_critic=optax.incremental_update(critic, state.target_critic, config.tau),
+        log_alpha=optax.apply_updates(state.log_alpha, alpha_update),
+        actor_opt=actor_opt,
+        critic_opt=critic_opt,
+        alpha_opt=alpha_opt,
+        step=state.step + 1,
+    )
+    metrics = {
+        "critic_loss": critic_loss,
+        "actor_loss": actor_loss,
+        "alpha": alpha,
+        "entropy": -log_prob.mean(),
+        "q_mean": q_mean,
+    }
+    return new, metrics
+
+
+def update_many(
+    state: SACState, buffer: ReplayBuffer, key: jax.Array, n: int, config: SACConfig
+) -> tuple[SACState, dict[str, jax.Array]]:
+    """`n` updates, each on its own batch from `buffer`; metrics are averaged over them. `key` is consumed."""
+
+    def body(state, key):
+        sample_key, update_key = jax.random.split(key)
+        return update(state, replay.sample(buffer, sample_key, config.batch_size), update_key, config)
+
+    state, metrics = jax.lax.scan(body, state, jax.random.split(key, n))
+    return state, jax.tree.map(partial(jnp.mean, axis=0), metrics)
