@@ -7,12 +7,15 @@ PYTHON ?=
 ARGS ?=
 
 PY := $(VENV)/bin/python
+# Without build isolation, so that what builds the project is pinned too.
+PIP := $(PY) -m pip install --disable-pip-version-check --no-input --no-build-isolation -c constraints.txt
 STAMP := $(VENV)/.installed
 UNFINISHED := $(VENV)/.unfinished
 
 # Run, not looked up: a pyenv shim answers to `which` without being a Python, and Debian splits venv off.
 SUPPORTED := import ensurepip, sys, venv; \
 	sys.exit(sys.implementation.name != "cpython" or not (3, 11) <= sys.version_info[:2] <= (3, 13))
+CANDIDATES := $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python)
 
 .DEFAULT_GOAL := help
 .PHONY: help install cuda sweep diagnose pretrain benchmark test test-slow check format lock clean FORCE
@@ -27,8 +30,7 @@ install: $(STAMP) ## make .venv and install the pinned versions (done by the oth
 
 cuda: $(STAMP) ## add JAX for NVIDIA GPUs and MJX-Warp (Linux)
 	@echo "== Adding the CUDA 12 wheels of JAX and MJX-Warp to $(VENV)"
-	$(PY) -m pip install --disable-pip-version-check --no-input --no-build-isolation \
-		-c constraints.txt -e '.[cuda]'
+	@$(PIP) -e '.[cuda]'
 
 sweep: $(STAMP) ## the main job: compare all methods on a quick task (20 minutes on two cores)
 	$(PY) -m experiments.sweep --preset quick $(ARGS)
@@ -71,31 +73,33 @@ ifneq ($(shell $(PY) -c 'print("runs")' 2>/dev/null),runs)
 $(STAMP): FORCE
 endif
 
-# An install that was cut short leaves $(UNFINISHED) behind: packages may be half there, so start over.
+# Killed half-way, an install leaves $(UNFINISHED) behind and packages that may be half there: start over.
+# When pip itself gives up (no network, say) nothing is half there, and the next try goes on from what it has.
 $(STAMP): pyproject.toml constraints.txt
 	@if [ -e '$(UNFINISHED)' ]; then \
-		echo "== The last installation into $(VENV) was not finished: starting over"; \
+		echo "== The last installation into $(VENV) was cut short: starting over"; \
 		rm -rf '$(VENV)'; \
 	fi
 	@if ! $(PY) -c '$(SUPPORTED)' 2>/dev/null; then \
 		python=; \
-		for candidate in $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python); do \
+		for candidate in $(CANDIDATES); do \
 			if "$$candidate" -c '$(SUPPORTED)' >/dev/null 2>&1; then python=$$candidate; break; fi; \
 		done; \
 		if [ -z "$$python" ]; then \
-			echo "No Python 3.11, 3.12 or 3.13 with venv was found" \
-				"(tried: $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python))." \
+			echo "No Python 3.11, 3.12 or 3.13 with venv was found (tried: $(CANDIDATES))." \
 				"Install one (Debian, Ubuntu: apt-get install python3-venv)," \
 				"or name it: make install PYTHON=/path/to/python3" >&2; \
 			exit 2; \
 		fi; \
+		if [ -n "$$(ls -A '$(VENV)' 2>/dev/null)" ] && [ ! -e '$(VENV)/pyvenv.cfg' ]; then \
+			echo "$(VENV) holds something that is not a virtual environment: name another, VENV=DIR" >&2; \
+			exit 2; \
+		fi; \
 		echo "== Making $(VENV) with $$("$$python" --version) ($$python)"; \
-		mkdir -p '$(VENV)' && touch '$(UNFINISHED)' && "$$python" -m venv '$(VENV)'; \
+		rm -rf '$(VENV)' && mkdir -p '$(VENV)' && touch '$(UNFINISHED)' && "$$python" -m venv '$(VENV)'; \
 	fi
-	@touch '$(UNFINISHED)'
 	@echo "== Installing the pinned versions into $(VENV) (a few minutes the first time)"
-	@$(PY) -m pip install --disable-pip-version-check --no-input --quiet -c constraints.txt hatchling editables
-	@$(PY) -m pip install --disable-pip-version-check --no-input --no-build-isolation \
-		-c constraints.txt -e '.[dev]'
+	@touch '$(UNFINISHED)'
+	@{ $(PIP) --quiet hatchling editables && $(PIP) -e '.[dev]'; } || { rm -f '$(UNFINISHED)'; exit 1; }
 	@mv '$(UNFINISHED)' '$@'
 	@touch '$@'

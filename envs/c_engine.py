@@ -11,6 +11,10 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+# With asynchronous dispatch a callback can wait for ever for its own arguments: they are put on the device by the very
+# threads that the computation around the callback keeps busy (jax issue 25861). Read when JAX's CPU client is made.
+jax.config.update("jax_cpu_enable_async_dispatch", False)
+
 # MuJoCo's integration state without what the caller sets anew at every step (ctrl, applied forces, mocap).
 _CARRIED = ("qpos", "qvel", "act", "time", "qacc_warmstart", "history")
 

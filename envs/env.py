@@ -48,15 +48,19 @@ class Env:
             raise ValueError(f"{self.task.name} has no to_state: its observation does not determine the state")
         return self._first_state(*self.task.to_state(obs))
 
-    def step(self, state: State, action: jax.Array) -> State:
-        """One step under `action [A]`, clipped to the action box. `done` is `terminated` or `truncated`."""
+    def step(self, state: State, action: jax.Array, charged: jax.Array | None = None) -> State:
+        """One step under `action [A]`, clipped to the action box. `done` is `terminated` or `truncated`.
+
+        The reward is that of the action executed, or of `charged [A]` where given (a control cost that belongs to
+        what an agent asked for, whatever became of it).
+        """
         if action.shape != (self.action_size,):
             raise ValueError(f"{self.name}.step wants an action of shape ({self.action_size},), got {action.shape}")
         low, high = jnp.asarray(self.action_low, action.dtype), jnp.asarray(self.action_high, action.dtype)
         if self.variant is not None and self.variant.action is not None:
             action = self.variant.action(action, low, high)
         data = self.engine.step(state.data, jnp.clip(action, low, high), self.task.frame_skip)
-        reward, metrics = self.task.reward(state.data, action, data, self.dt)
+        reward, metrics = self.task.reward(state.data, action if charged is None else charged, data, self.dt)
         obs = self.task.observe(data)
         steps = state.info["steps"] + 1
         terminated = self.task.terminated(data).astype(obs.dtype)

@@ -1,8 +1,8 @@
 """A replay buffer that lives on the device: a ring of transitions with a fixed capacity.
 
-Pure functions on a frozen pytree, so that a buffer can be scanned over, vmapped over seeds and donated. Jit
-`add_batch` (or the step that calls it) with `donate_argnums` for the buffer: XLA then writes the new rows in place
-instead of copying the whole ring.
+Pure functions on a frozen pytree, so that a buffer can be scanned over, vmapped over seeds and donated.
+Jit `add_batch` (or the step that calls it) with `donate_argnums` for the buffer: XLA then writes the new
+rows in place instead of copying the whole ring.
 
 Shapes: `N` new transitions, `B` batch size, `O` observation size, `A` action size.
 """
@@ -16,8 +16,9 @@ from flax import struct
 class Transition:
     """What SAC learns from. Leading axes are free: `[N]`, `[B]`, `[capacity]`.
 
-    There is no `truncated` here on purpose: a time limit does not change the value of `next_obs`, so nothing that
-    bootstraps may look at it. `next_obs` must be the true next observation, never the one after an auto-reset.
+    There is no `truncated` here on purpose: a time limit does not change the value of `next_obs`, so nothing
+    that bootstraps may look at it. `next_obs` must be the true next observation, never the one after an
+    auto-reset.
     """
 
     obs: jax.Array  # [..., O]
@@ -25,6 +26,26 @@ class Transition:
     reward: jax.Array  # [...]
     next_obs: jax.Array  # [..., O]
     terminated: jax.Array  # [...], 1.0 where the task itself ended, else 0.0
+
+
+def check_shapes(transitions: Transition, obs_size: int, action_size: int) -> None:
+    """Makes sure of one batch axis and the given sizes: a `[N, 1]` reward would broadcast to `[N, N]` errors.
+
+    Raises:
+      ValueError: a field has another shape.
+    """
+    count = transitions.obs.shape[0]
+    expected = {
+        "obs": (count, obs_size),
+        "action": (count, action_size),
+        "reward": (count,),
+        "next_obs": (count, obs_size),
+        "terminated": (count,),
+    }
+    for name, shape in expected.items():
+        found = getattr(transitions, name).shape
+        if found != shape:
+            raise ValueError(f"{name} of the transitions must have shape {shape}, got {found}")
 
 
 @struct.dataclass
@@ -57,10 +78,11 @@ def init(capacity: int, obs_size: int, action_size: int) -> ReplayBuffer:
     """
     for name, value in (("capacity", capacity), ("obs_size", obs_size), ("action_size", action_size)):
         if value < 1:
-            raise ValueError(f"{name} of a replay buffer must be at least 1, got {value}.")
+            raise ValueError(f"{name} of a replay buffer must be at least 1, got {value}")
     rows = jnp.zeros((capacity, 2 * obs_size + action_size + 2), jnp.float32)
-    zero = jnp.zeros((), jnp.int32)
-    return ReplayBuffer(rows, zero, zero, obs_size, action_size)
+    # Two arrays, not one twice: a buffer is donated, and one array cannot be donated for two.
+    position, size = jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32)
+    return ReplayBuffer(rows, position, size, obs_size, action_size)
 
 
 def add_batch(buffer: ReplayBuffer, transitions: Transition) -> ReplayBuffer:
@@ -72,23 +94,12 @@ def add_batch(buffer: ReplayBuffer, transitions: Transition) -> ReplayBuffer:
     Raises:
       ValueError: more transitions than rows, or shapes that do not fit the buffer.
     """
-    obs_size, action_size = buffer.obs_size, buffer.action_size
-    count = transitions.obs.shape[0]
-    expected = {
-        "obs": (count, obs_size),
-        "action": (count, action_size),
-        "reward": (count,),
-        "next_obs": (count, obs_size),
-        "terminated": (count,),
-    }
-    for name, shape in expected.items():
-        if getattr(transitions, name).shape != shape:
-            raise ValueError(
-                f"{name} of the transitions has shape {getattr(transitions, name).shape}, "
-                f"but this replay buffer takes {shape}."
-            )
+    check_shapes(transitions, buffer.obs_size, buffer.action_size)
+    count = transitions.reward.shape[0]
     if count > buffer.capacity:
-        raise ValueError(f"Cannot add {count} transitions at once to a replay buffer of {buffer.capacity} rows.")
+        raise ValueError(
+            f"cannot add {count} transitions at once to a replay buffer of {buffer.capacity} rows"
+        )
     new = jnp.concatenate(
         [
             transitions.obs,

@@ -1,9 +1,9 @@
 """The discriminator D(s, a, s'): is a transition the grounded simulator's or the target's?
 
-Signs are named, not remembered: everything below works on `logits_grounded_is_high`, the log-odds that a transition
-is grounded, and the reward of the action transformer is high where a transition looks like the target's. The labels
-of the paper (grounded 1) and of its authors' experiments (grounded 0) differ by the sign of the network's output
-alone.
+Signs are named, not remembered: everything below works on `logits_grounded_is_high`, the log-odds that a
+transition is grounded, and the reward of the action transformer is high where a transition looks like the
+target's. The labels of the paper (grounded 1) and of its authors' experiments (grounded 0) differ by the sign
+of the network's output alone.
 """
 
 import math
@@ -35,9 +35,9 @@ class DiscriminatorConfig:
       entropy_coefficient: weight of the mean entropy (nats) of D's verdicts, which is to be large.
       penalty_coefficient: weight of the gradient penalty; 0 leaves it out.
       penalty_target: norm that the gradient of the logit is drawn to, on normalised inputs.
-      interpolation: where the penalty is taken between a grounded and a target row: at a weight drawn anew for
-        every pair ("per_sample", as in WGAN-GP), or at one weight for each feature, drawn once for the whole run
-        ("constant", as in the authors' experiments).
+      interpolation: where between a grounded and a target row the penalty is taken: at a weight drawn anew
+        for every pair ("per_sample", as in WGAN-GP), or at one weight for each feature, drawn once for the
+        whole run ("constant", as in the authors' experiments).
       labels: "paper" for grounded 1 and target 0, "release" for the reverse.
       std_floor: least standard deviation that inputs are divided by.
     """
@@ -69,9 +69,9 @@ class DiscriminatorConfig:
 
 @struct.dataclass
 class Transitions:
-    """B transitions: `observation` `[B, O]`, the rollout policy's `action` `[B, A]`, `next_observation` `[B, O]`.
+    """B transitions: `observation` `[B, O]`, `action` `[B, A]`, `next_observation` `[B, O]`.
 
-    `action` is what the policy asked for, in the grounded simulator too: never the transformed action.
+    `action` is what the rollout policy asked for, in the grounded simulator too: never the transformed one.
     """
 
     observation: jax.Array
@@ -116,8 +116,21 @@ def init(
 
 
 def network_inputs(stats: normalise.RunningStats, rows: Transitions, std_floor: float) -> jax.Array:
-    """`[norm(s, a), norm(s')]`, `[B, 2 O + A]`; s' is normalised by the statistics of s, so that s' - s survives."""
+    """`[norm(s, a), norm(s')]`, `[B, 2 O + A]`; s' by the statistics of s, so that the step s' - s survives.
+
+    Raises:
+      ValueError: the sizes are not those the discriminator was made for.
+    """
     size = rows.observation.shape[-1]
+    if (
+        size + rows.action.shape[-1] != stats.mean.shape[-1]
+        or rows.next_observation.shape != rows.observation.shape
+    ):
+        raise ValueError(
+            f"This discriminator takes observation and action of {stats.mean.shape[-1]} numbers together and "
+            f"a next observation, got shapes {rows.observation.shape}, {rows.action.shape} and "
+            f"{rows.next_observation.shape}; were they logged in another task?"
+        )
     of_s = normalise.RunningStats(stats.count, stats.mean[:size], stats.variance[:size])
     pair = jnp.concatenate([rows.observation, rows.action], axis=-1)
     return jnp.concatenate(
@@ -142,7 +155,7 @@ def logits_grounded_is_high(
 
 
 def reward(state: DiscriminatorState, rows: Transitions, config: DiscriminatorConfig) -> jax.Array:
-    """Reward of the action transformer, `[B]`, in [0, 18.4]: high where a transition looks like the target's."""
+    """Reward of the action transformer, `[B]`, in [0, 18.4]: high where a transition may be the target's."""
     return reward_from_logits(logits_grounded_is_high(state, rows, config))
 
 
@@ -163,13 +176,13 @@ def update(
     The statistics of the inputs take in both batches first.
 
     Returns:
-      The new state and health metrics, each `[]`, from before the step: `loss`, `gradient_penalty` (unweighted),
-      `accuracy_grounded` and `accuracy_target` (share of rows told right), `entropy` (mean, nats; log 2 is a coin
-      toss), `logit_gap` (mean grounded logit less mean target logit).
+      The new state and health metrics, each `[]`, from before the step: `loss`, `gradient_penalty`
+      (unweighted), `accuracy_grounded` and `accuracy_target` (share of rows told right), `entropy` (mean,
+      nats; log 2 is a coin toss), `logit_gap` (mean grounded logit less mean target logit).
     """
     if grounded.observation.shape != target.observation.shape:
         raise ValueError(
-            "discriminator.update: grounded and target rows are interpolated in pairs and must have one shape, got "
+            "discriminator.update: grounded and target rows are taken in pairs and need one shape, got "
             f"{grounded.observation.shape} and {target.observation.shape}."
         )
     both = jax.tree.map(lambda g, t: jnp.concatenate([g, t]), grounded, target)

@@ -28,10 +28,8 @@ def init(size: int) -> RunningStats:
 def update(stats: RunningStats, rows: jax.Array) -> RunningStats:
     """Statistics of the rows seen before and of `rows` `[B, F]`, B > 0, together."""
     if rows.ndim != 2 or rows.shape[0] == 0 or rows.shape[1] != stats.mean.shape[0]:
-        raise ValueError(
-            f"normalise.update: expected rows of shape [B > 0, {stats.mean.shape[0]}], got {list(rows.shape)}; "
-            "flatten the leading axes first."
-        )
+        expected = f"[B > 0, {stats.mean.shape[0]}]"
+        raise ValueError(f"normalise.update: expected rows of shape {expected}, got {list(rows.shape)}.")
     size = rows.shape[0]
     count = stats.count + size
     new_weight = size / count
@@ -45,7 +43,7 @@ def update(stats: RunningStats, rows: jax.Array) -> RunningStats:
 
 
 def scale(stats: RunningStats, floor: float) -> jax.Array:
-    """Standard deviation `[F]`, at least `floor`: a feature that hardly moves is not blown up to unit size."""
+    """Standard deviation `[F]`, at least `floor`: a feature that hardly moves is not blown up."""
     return jnp.maximum(jnp.sqrt(stats.variance), floor)
 
 

@@ -65,9 +65,10 @@ def update(
     """`config.epochs` passes of minibatch gradient steps on the clipped objective. `key` is consumed.
 
     Returns:
-      The new state and metrics, each `[]`: `kl` (nats, old to new, estimated on the batch), `improvement` of the
-      clipped objective (in standard deviations of the advantage), `clip_fraction` (rows beyond the clip after
-      the update), `entropy` (nats, after the update), `gradient_norm` (mean over the steps, before shortening).
+      The new state and metrics, each `[]`: `kl` (nats, old to new, estimated on the batch), `improvement` of
+      the clipped objective (in standard deviations of the advantage), `clip_fraction` (rows beyond the clip
+      after the update), `entropy` (nats, after the update), `gradient_norm` (mean over the steps, before
+      shortening).
     """
     batch = batch.replace(advantages=standardise(batch.advantages))
     optimiser = _optimiser(config)
@@ -83,7 +84,7 @@ def update(
         gradient = jax.grad(loss)(carry.params, rows)
         change, optimiser_state = optimiser.update(gradient, carry.optimiser, carry.params)
         params = optax.apply_updates(carry.params, change)
-        return PPOState(params=params, optimiser=optimiser_state), optax.global_norm(gradient)
+        return PPOState(params=params, optimiser=optimiser_state), optax.tree.norm(gradient)
 
     indices = minibatch_indices(key, batch.inputs.shape[0], config.minibatch_size, config.epochs)
     new_state, gradient_norms = jax.lax.scan(step, state, indices)

@@ -1,7 +1,18 @@
 """Soft actor-critic with automatic temperature (Haarnoja et al. 2018, arXiv:1812.05905).
 
-A pair of pure functions, `init` and `update`, and `update_many`, which runs any number of updates from a replay
-buffer on the device in one compiled call. Everything vmaps over seeds: a leading axis on state, buffer and keys.
+A pair of pure functions, `init` and `update`, and `update_many`, which runs any number of updates from a
+replay buffer on the device in one compiled call. Everything vmaps over seeds: a leading axis on state, buffer
+and keys.
+
+    y      = r + gamma (1 - terminated) (min_i Q'_i(s', a') - alpha log pi(a'|s')),   a' ~ pi(.|s')
+    critic : min 1/2 sum_i mean (Q_i(s, a) - y)^2
+    actor  : min mean (alpha log pi(a|s) - min_i Q_i(s, a)),                          a ~ pi(.|s)
+    alpha  : min -log(alpha) mean (log pi(a|s) + target entropy)
+    target : Q'_i <- tau Q_i + (1 - tau) Q'_i
+
+Log-probabilities are of the action squashed to (-1, 1), before it is scaled to the environment's units. The
+order is that of Stable-Baselines3, the paper's agent: critics first, then the actor on the new critics, both
+with the temperature from before the step.
 
 Shapes: `B` batch size, `O` observation size, `A` action size.
 """
@@ -22,7 +33,7 @@ from mpge_jax.distributions import gaussian_entropy, tanh_gaussian_sample
 from mpge_jax.networks import MLP
 
 LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
-# PyTorch's default for linear layers, U(+-1/sqrt(fan_in)): what the paper's agent (Stable-Baselines3) starts from.
+# U(+-1/sqrt(fan_in)), PyTorch's default: what the paper's agent (Stable-Baselines3) starts from.
 _INIT = variance_scaling(1.0 / 3.0, "fan_in", "uniform")
 
 
@@ -36,8 +47,12 @@ class SACConfig:
       tau: rate of the moving average of the target critics.
       gamma: discount.
       batch_size: transitions an update learns from.
-      target_entropy: entropy, in nats of the action squashed to (-1, 1), that the temperature steers to; `-A` where None.
+      target_entropy: what the temperature steers the entropy of the action squashed to (-1, 1) to, in nats;
+        `-A` where None.
       init_alpha: temperature at the start.
+
+    Raises:
+      ValueError: a value out of its range.
     """
 
     hidden: tuple[int, ...] = (256, 256)
@@ -52,30 +67,45 @@ class SACConfig:
 
     def __post_init__(self) -> None:
         if not self.hidden or min(self.hidden) < 1:
-            raise ValueError(f"hidden must name at least one layer, each of width 1 or more, got {self.hidden}.")
+            raise ValueError(f"hidden must list one or more positive layer widths, got {self.hidden}")
         for name in ("actor_lr", "critic_lr", "alpha_lr", "init_alpha"):
             if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}.")
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 < self.tau <= 1:
-            raise ValueError(f"tau must lie in (0, 1], got {self.tau}.")
+            raise ValueError(f"tau must lie in (0, 1], got {self.tau}")
         if not 0 <= self.gamma <= 1:
-            raise ValueError(f"gamma must lie in [0, 1], got {self.gamma}.")
+            raise ValueError(f"gamma must lie in [0, 1], got {self.gamma}")
         if self.batch_size < 1:
-            raise ValueError(f"batch_size must be at least 1, got {self.batch_size}.")
+            raise ValueError(f"batch_size must be at least 1, got {self.batch_size}")
 
 
 @struct.dataclass
 class Actor:
-    """A policy: all that is needed to act."""
+    """A policy: all that is needed to act.
+
+    Attributes:
+      params: of the network `obs -> (mean, log_std)`.
+      action_scale: `[A]`, half the width of the action box; actions are `tanh(.) * action_scale`.
+    """
 
     params: Any
-    action_scale: jax.Array  # [A]; actions are tanh(.) * action_scale
+    action_scale: jax.Array
 
 
 @struct.dataclass
 class SACState:
+    """All that learning needs to go on.
+
+    Attributes:
+      actor: the policy.
+      critic, target_critic: parameters of both Q networks, a leading axis of 2 on every leaf.
+      log_alpha: logarithm of the temperature, `[]`.
+      actor_opt, critic_opt, alpha_opt: states of Adam.
+      step: updates so far, `[]`.
+    """
+
     actor: Actor
-    critic: Any  # both critics, a leading axis of 2 on every leaf
+    critic: Any
     target_critic: Any
     log_alpha: jax.Array
     actor_opt: optax.OptState
@@ -95,24 +125,41 @@ def _critic_net(config: SACConfig) -> MLP:
 def init(
     key: jax.Array, obs_size: int, action_size: int, action_scale: jax.typing.ArrayLike, config: SACConfig
 ) -> SACState:
-    """Fresh networks and optimisers. `key` is consumed."""
-    actor_key, critic_key = jax.random.split(key)
+    """Fresh networks and optimisers. `key` is consumed.
+
+    Args:
+      key: seeds the networks.
+      obs_size, action_size: `O` and `A`.
+      action_scale: `[A]`, the upper end of a symmetric action box.
+      config: hyperparameters.
+
+    Raises:
+      ValueError: `action_scale` is not `[A]`.
+    """
     scale = jnp.asarray(action_scale, jnp.float32)
     if scale.shape != (action_size,):
-        raise ValueError(f"action_scale must have shape ({action_size},), one entry an action, got {scale.shape}.")
-    actor = Actor(_actor_net(action_size, config).init(actor_key, jnp.zeros(obs_size)), scale)
-    critic = jax.vmap(_critic_net(config).init, (0, None))(
-        jax.random.split(critic_key), jnp.zeros(obs_size + action_size)
-    )
-    return _fresh(actor, critic, jnp.log(jnp.float32(config.init_alpha)), config)
+        raise ValueError(f"action_scale must have shape ({action_size},), got {scale.shape}")
+    actor_params, critic = _init_networks(key, obs_size, action_size, config)
+    return warm_start(Actor(actor_params, scale), critic, jnp.log(jnp.float32(config.init_alpha)), config)
 
 
 def warm_start(actor: Actor, critic: Any, log_alpha: jax.Array, config: SACConfig) -> SACState:
-    """Continues from a trained policy: its actor, critics and temperature, with fresh optimisers and targets."""
-    return _fresh(actor, critic, log_alpha, config)
+    """Goes on from a trained policy: its actor, critics and temperature.
 
+    Optimisers are fresh and the targets equal the critics. Everything is copied, so that the new state can be
+    donated while the policy stays usable.
 
-def _fresh(actor: Actor, critic: Any, log_alpha: jax.Array, config: SACConfig) -> SACState:
+    Raises:
+      ValueError: the networks do not have the shapes that `config.hidden` asks for.
+    """
+    expected = (*config.hidden, 2 * actor.action_scale.shape[-1])
+    found = tuple(layer["bias"].shape[-1] for layer in actor.params["params"].values())
+    if found != expected:
+        raise ValueError(
+            f"the actor has layers of width {found}, but the configuration's hidden={config.hidden} "
+            f"asks for {expected}"
+        )
+    actor, critic, log_alpha = jax.tree.map(jnp.copy, (actor, critic, log_alpha))
     return SACState(
         actor=actor,
         critic=critic,
@@ -123,6 +170,14 @@ def _fresh(actor: Actor, critic: Any, log_alpha: jax.Array, config: SACConfig) -
         alpha_opt=optax.adam(config.alpha_lr).init(log_alpha),
         step=jnp.zeros((), jnp.int32),
     )
+
+
+def _init_networks(key: jax.Array, obs_size: int, action_size: int, config: SACConfig) -> tuple[Any, Any]:
+    actor_key, critic_key = jax.random.split(key)
+    actor_params = _actor_net(action_size, config).init(actor_key, jnp.zeros(obs_size))
+    critic_input = jnp.zeros(obs_size + action_size)
+    critic = jax.vmap(_critic_net(config).init, (0, None))(jax.random.split(critic_key), critic_input)
+    return actor_params, critic
 
 
 def distribution(actor: Actor, obs: jax.Array, config: SACConfig) -> tuple[jax.Array, jax.Array]:
@@ -137,7 +192,7 @@ def _scaled(actor: Actor, squashed: jax.Array) -> jax.Array:
 
 
 def act(actor: Actor, obs: jax.Array, key: jax.Array | None, config: SACConfig) -> jax.Array:
-    """Actions `[..., A]` at `obs` `[..., O]`: a sample where a key is given (consumed), else the mode tanh(mean)."""
+    """Actions `[..., A]` at `obs [..., O]`: a sample where a key is given (consumed), else the mode."""
     mean, log_std = distribution(actor, obs, config)
     squashed = jnp.tanh(mean) if key is None else tanh_gaussian_sample(key, mean, log_std)[0]
     return _scaled(actor, squashed)
@@ -157,19 +212,34 @@ def q_values(critic: Any, obs: jax.Array, action: jax.Array, config: SACConfig) 
 def update(
     state: SACState, batch: Transition, key: jax.Array, config: SACConfig
 ) -> tuple[SACState, dict[str, jax.Array]]:
-    """One step on critics, actor, temperature and target critics. `key` is consumed."""
+    """One step on critics, actor, temperature and target critics. `key` is consumed.
+
+    Args:
+      state: where learning stands.
+      batch: fields `[B, ...]`.
+      key: draws the actions at `s` and `s'`.
+      config: hyperparameters.
+
+    Returns:
+      The next state and scalars: `critic_loss`, `actor_loss`, `alpha` (before the step), `entropy` (of the
+      squashed action, estimated on the batch), `q_mean`.
+
+    Raises:
+      ValueError: a field of the batch has another shape.
+    """
+    action_size = state.actor.action_scale.shape[-1]
+    replay.check_shapes(batch, batch.obs.shape[-1], action_size)
     target_key, actor_key = jax.random.split(key)
     alpha = jnp.exp(state.log_alpha)
-    action_size = batch.action.shape[-1]
     target_entropy = -float(action_size) if config.target_entropy is None else config.target_entropy
 
-    next_squashed, next_log_prob, _ = tanh_gaussian_sample(
-        target_key, *distribution(state.actor, batch.next_obs, config)
-    )
-    next_q = q_values(state.target_critic, batch.next_obs, _scaled(state.actor, next_squashed), config).min(axis=0)
+    next_distribution = distribution(state.actor, batch.next_obs, config)
+    next_squashed, next_log_prob, _ = tanh_gaussian_sample(target_key, *next_distribution)
+    next_action = _scaled(state.actor, next_squashed)
+    next_q = q_values(state.target_critic, batch.next_obs, next_action, config).min(axis=0)
     target = batch.reward + config.gamma * (1.0 - batch.terminated) * (next_q - alpha * next_log_prob)
 
-    def critic_loss_fn(critic):
+    def critic_loss_fn(critic: Any) -> tuple[jax.Array, jax.Array]:
         q = q_values(critic, batch.obs, batch.action, config)
         return 0.5 * jnp.square(q - target[None]).mean(axis=1).sum(), q.mean()
 
@@ -177,7 +247,7 @@ def update(
     updates, critic_opt = optax.adam(config.critic_lr).update(grads, state.critic_opt)
     critic = optax.apply_updates(state.critic, updates)
 
-    def actor_loss_fn(params):
+    def actor_loss_fn(params: Any) -> tuple[jax.Array, jax.Array]:
         actor = state.actor.replace(params=params)
         squashed, log_prob, _ = tanh_gaussian_sample(actor_key, *distribution(actor, batch.obs, config))
         q = q_values(critic, batch.obs, _scaled(actor, squashed), config).min(axis=0)
@@ -214,9 +284,15 @@ def update(
 def update_many(
     state: SACState, buffer: ReplayBuffer, key: jax.Array, n: int, config: SACConfig
 ) -> tuple[SACState, dict[str, jax.Array]]:
-    """`n` updates, each on its own batch from `buffer`; metrics are averaged over them. `key` is consumed."""
+    """`n` updates, each on its own batch from `buffer`; metrics are averaged over them. `key` is consumed.
 
-    def body(state, key):
+    Raises:
+      ValueError: `n` below 1.
+    """
+    if n < 1:
+        raise ValueError(f"the number of updates must be at least 1, got {n}")
+
+    def body(state: SACState, key: jax.Array) -> tuple[SACState, dict[str, jax.Array]]:
         sample_key, update_key = jax.random.split(key)
         return update(state, replay.sample(buffer, sample_key, config.batch_size), update_key, config)
 

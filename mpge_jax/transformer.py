@@ -1,8 +1,8 @@
-"""The action transformer pi_g(delta | s, a): it changes an action so that the source moves as the target would.
+"""The action transformer pi_g(delta | s, a): with the actions it makes, the source moves as the target would.
 
-A Gaussian policy over a residual, `a~ = clip(a + clip(delta))` (Desai et al., GARAT, NeurIPS 2020, section 5; MPGE,
-IJCAI 2022). Two steps are kept apart: `sample` draws delta, whose log-probability is that of the unclipped draw,
-and `transform` applies it.
+A Gaussian policy over a residual, `a~ = clip(a + clip(delta))`, as in GARAT (Desai et al., NeurIPS 2020) and
+MPGE (IJCAI 2022). Two steps are kept apart: `sample` draws delta, whose log-probability is that of the
+unclipped draw, and `transform` applies it.
 """
 
 from dataclasses import dataclass
@@ -11,10 +11,9 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 from flax import struct
-from flax.linen.initializers import orthogonal
 
 from mpge_jax.distributions import gaussian_log_prob, gaussian_sample
-from mpge_jax.networks import MLP
+from mpge_jax.networks import MLP, orthogonal
 from mpge_jax.policy_gradient import Params
 
 
@@ -67,14 +66,23 @@ def init(key: jax.Array, observation_size: int, action_size: int, config: Transf
 
 
 def network_inputs(transformer: Transformer, observation: jax.Array, action: jax.Array) -> jax.Array:
-    """What the network sees, `[..., O + A]`, of `observation` `[..., O]` and the policy's `action` `[..., A]`."""
+    """The network's view, `[..., O + A]`, of an `observation` `[..., O]` and a policy's `action` `[..., A]`.
+
+    Raises:
+      ValueError: their sizes are not those the transformer was made for.
+    """
     pair = jnp.concatenate([observation, action], axis=-1)
+    if pair.shape[-1] != transformer.input_mean.shape[-1]:
+        raise ValueError(
+            f"This transformer takes observation and action of {transformer.input_mean.shape[-1]} numbers "
+            f"together, got {observation.shape[-1]} + {action.shape[-1]}; was it made for another task?"
+        )
     shape = (1,) * (pair.ndim - 1) + transformer.input_mean.shape
     return (pair - transformer.input_mean.reshape(shape)) / transformer.input_std.reshape(shape)
 
 
 def apply(params: Params, inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """`(mean, log_std)` of delta, `[..., A]` each: the `distribution` that `trpo.update` and `ppo.update` take."""
+    """`(mean, log_std)` of delta, `[..., A]` each: the `distribution` for `trpo.update` and `ppo.update`."""
     layers = params["mean"]["params"]
     sizes = tuple(layers[f"Dense_{i}"]["bias"].shape[-1] for i in range(len(layers)))
     mean = _network(sizes).apply(params["mean"], inputs)
@@ -114,7 +122,7 @@ def transform(delta: jax.Array, action: jax.Array, low: jax.Array, high: jax.Arr
 def deterministic(
     transformer: Transformer, observation: jax.Array, action: jax.Array, low: jax.Array, high: jax.Array
 ) -> jax.Array:
-    """The transformed action `[..., A]` at the mean residual: how an agent is trained and how pi_g is judged."""
+    """The transformed action `[..., A]` at the mean residual: so agents are trained and pi_g is judged."""
     mean, _ = distribution(transformer, observation, action)
     return transform(mean, action, low, high)
 

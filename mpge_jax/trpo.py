@@ -1,8 +1,8 @@
 """Trust region policy optimisation (Schulman et al., 2015, https://arxiv.org/abs/1502.05477).
 
 Maximises the surrogate `mean(ratio * advantage)` within `mean KL(old || new) <= max_kl`: natural gradient by
-conjugate gradient on Fisher-vector products, then a backtracking line search. One update costs the same whatever
-the data, but for the line search, so members of a vmap do not wait for each other.
+conjugate gradient on Fisher-vector products, then a backtracking line search. All but the line search costs
+the same whatever the data, so members of a vmap hardly wait for each other.
 """
 
 from collections.abc import Callable
@@ -64,9 +64,9 @@ def update(
     """One trust-region step on `batch`. Deterministic: `key` is there for the interface shared with `ppo`.
 
     Returns:
-      The new state and metrics, each `[]`: `kl` (nats, old to new), `improvement` of the surrogate (in standard
-      deviations of the advantage), `step_fraction` (accepted step length, 0 where all were refused), `entropy`
-      (nats, after the update), `gradient_norm`.
+      The new state and metrics, each `[]`: `kl` (nats, old to new), `improvement` of the surrogate (in
+      standard deviations of the advantage), `step_fraction` (accepted step length, 0 where all were refused),
+      `entropy` (nats, after the update), `gradient_norm`.
     """
     del key
     flat, unravel = ravel_pytree(state.params)
@@ -89,7 +89,8 @@ def update(
     full_step = direction * jnp.sqrt(config.max_kl / jnp.maximum(model_kl, 1e-20))
     fraction, after, kl = line_search(surrogate_and_kl, flat, full_step, before, config)
 
-    params = unravel(flat + fraction * full_step)
+    # Where every step was refused, full_step itself may hold NaN.
+    params = unravel(jnp.where(fraction > 0.0, flat + fraction * full_step, flat))
     metrics = {
         "kl": kl,
         "improvement": after - before,
@@ -103,10 +104,11 @@ def update(
 def fisher_vector_product(
     outputs: Callable[[jax.Array], tuple[jax.Array, jax.Array]], flat: jax.Array, damping: float
 ) -> Callable[[jax.Array], jax.Array]:
-    """The product `v -> (F + damping I) v`, F the mean Fisher matrix of `outputs(flat) = (mean, log_std)` `[B, A]`.
+    """`v -> (F + damping I) v`, with F the Fisher matrix of `outputs(flat) = (mean, log_std)` `[B, A]`.
 
-    Gauss-Newton form `J' M J / B`: M = diag(1 / sigma^2) on the mean and 2 on log_std is the Fisher matrix of a
-    diagonal Gaussian, hence F is the Hessian of the mean KL at `flat`. The network is linearised once.
+    F is the mean over rows, in Gauss-Newton form `J' M J / B`. M, the Fisher matrix of a diagonal Gaussian,
+    is 1 / sigma^2 on the mean and 2 on log_std, so F is the Hessian of the mean KL. The network is linearised
+    once.
     """
     (mean, log_std), jvp = jax.linearize(outputs, flat)
     vjp = jax.linear_transpose(jvp, flat)
@@ -155,7 +157,7 @@ def line_search(
     before: jax.Array,
     config: TRPOConfig,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """The longest of the steps 1, 1/2, 1/4, ... that keeps to the trust region and does not lower the surrogate.
+    """The longest of the steps 1, 1/2, ... that keeps to the trust region and does not lower the surrogate.
 
     Returns:
       `(fraction, surrogate, kl)`, each `[]`, at the accepted step; `(0, before, 0)` where none was.
@@ -178,8 +180,8 @@ def line_search(
             jnp.where(accepted, kl, 0.0),
         )
 
-    # A loop that stops early: the first try is nearly always accepted, and under vmap it never runs longer than
-    # the fixed count would.
+    # A loop that stops early: the first try is nearly always accepted, and under vmap it never runs longer
+    # than the fixed count would.
     zero = jnp.zeros_like(before)
     _, fraction, after, kl = jax.lax.while_loop(searching, attempt, (zero, zero, before, zero))
     return fraction, after, kl

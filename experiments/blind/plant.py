@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Joint, Hinge = mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtJoint.mjJNT_HINGE
+Joint = mujoco.mjtObj.mjOBJ_JOINT
 
 
 class Unstable(RuntimeError):
@@ -30,17 +30,37 @@ class DryFriction:
 
 
 @dataclass
+class History:
+    """True states of every sub-step so far: row `now` is the present one; `qpos` [S, nq], `qvel` [S, nv]."""
+
+    qpos: Array
+    qvel: Array
+    now: int = 0
+
+
+@dataclass
 class Stages:
     """Everything that effects add. Callables are run in every sub-step, in the order in which they were added."""
 
     spec: list[Callable[[mujoco.MjSpec], None]] = field(default_factory=list)  # before compilation
     model: list[Callable[["Plant"], None]] = field(default_factory=list)  # after compilation
-    command: list[Callable[["Plant", Array], Array]] = field(default_factory=list)  # command -> delayed command
-    force: list[Callable[["Plant", Array], Array]] = field(default_factory=list)  # actuator force -> actuator force
-    joint: list[Callable[["Plant", Array], None]] = field(default_factory=list)  # adds to the generalised force
+    command: list[Callable[["Plant", Array], Array]] = field(
+        default_factory=list
+    )  # command -> delayed command
+    force: list[Callable[["Plant", Array], Array]] = field(
+        default_factory=list
+    )  # actuator force -> actuator force
+    joint: list[Callable[["Plant", Array], None]] = field(
+        default_factory=list
+    )  # adds to the generalised force
     friction: list[Callable[["Plant"], DryFriction]] = field(default_factory=list)  # made after compilation
-    sensor: list[Callable[["Plant", Array, Array], None]] = field(default_factory=list)  # edits measured qpos, qvel
-    drive_joint: dict[str, str] = field(default_factory=dict)  # joint -> joint that its actuators move instead
+    sensor: list[Callable[["Plant", "History", Array, Array], None]] = field(
+        default_factory=list
+    )  # edits a measured row
+    restart: list[Callable[[], None]] = field(default_factory=list)  # forget delay lines and filters
+    drive_joint: dict[str, str] = field(
+        default_factory=dict
+    )  # joint -> joint that its actuators move instead
 
 
 class Plant:
@@ -48,7 +68,9 @@ class Plant:
 
     def __init__(self, path: str, dt: float, integrator: str, stages: Stages):
         if integrator not in ("Euler", "implicitfast", "implicit"):
-            raise ValueError(f"integrator {integrator!r} cannot be stepped in halves; use Euler, implicit or implicitfast")
+            raise ValueError(
+                f"integrator {integrator!r} cannot be stepped in halves; use Euler, implicit or implicitfast"
+            )
         self.dt, self.stages = dt, stages
         spec = mujoco.MjSpec.from_file(path)
         nominal = spec.compile()
@@ -56,6 +78,7 @@ class Plant:
         self._check(nominal)
         self.gain, self.bias = nominal.actuator_gainprm[:, 0].copy(), nominal.actuator_biasprm[:, :3].copy()
         self.bias[nominal.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE] = 0
+        self.servo = bool(self.bias.any())
         self.ctrl_range = _range(nominal.actuator_ctrllimited, nominal.actuator_ctrlrange)
         self.force_range = _range(nominal.actuator_forcelimited, nominal.actuator_forcerange)
         for edit in stages.spec:
@@ -73,6 +96,8 @@ class Plant:
             tune(self)
         self.data = mujoco.MjData(self.model)
         self.friction = [make(self) for make in stages.friction]
+        self.friction_dofs = np.array([f.dof for f in self.friction], dtype=int)
+        self.friction_unit = np.eye(self.model.nv)[self.friction_dofs]
         self.force = np.zeros(nominal.nu)  # actuator_force of the last sub-step
         self.extra = np.zeros(self.model.nv)  # generalised force that the joint stages added in it
 
@@ -83,7 +108,9 @@ class Plant:
         )
         affine = np.isin(model.actuator_biastype, (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE))
         if not (plain & affine).all():
-            raise ValueError("only motors and position or velocity servos without internal state are supported")
+            raise ValueError(
+                "only motors and position or velocity servos without internal state are supported"
+            )
 
     def _map_joints(self) -> None:
         qpos, dof = [], []
@@ -93,18 +120,34 @@ class Plant:
             qpos += list(range(here.qposadr[0], here.qposadr[0] + len(here.qpos0)))
             dof += list(range(here.dofadr[0], here.dofadr[0] + len(here.damping)))
         self.qpos_of, self.dof_of = np.array(qpos), np.array(dof)
+        joints = [self.model.joint(j) for j in range(self.model.njnt)]
+        self._address = {j.name: (int(j.qposadr[0]), int(j.dofadr[0])) for j in joints}
 
     def dof(self, joint: str) -> int:
         """Address of the joint's (first) degree of freedom in this plant."""
-        return int(self.model.joint(joint).dofadr[0])
+        return self._address[joint][1]
 
     def q(self, joint: str) -> float:
         """Position of a hinge or slide joint."""
-        return float(self.data.qpos[self.model.joint(joint).qposadr[0]])
+        return float(self.data.qpos[self._address[joint][0]])
 
     def v(self, joint: str) -> float:
         """Velocity of a hinge or slide joint."""
         return float(self.data.qvel[self.dof(joint)])
+
+    def actuator(self, name: str) -> int:
+        """Index of an actuator; one without a name goes by the joint that it drives."""
+        index = mujoco.mj_name2id(self.nominal, mujoco.mjtObj.mjOBJ_ACTUATOR, name)
+        if index >= 0:
+            return index
+        unnamed = [
+            i
+            for i, _ in self.drivers(name)
+            if not mujoco.mj_id2name(self.nominal, mujoco.mjtObj.mjOBJ_ACTUATOR, i)
+        ]
+        if len(unnamed) != 1:
+            raise ValueError(f"the model has no actuator {name!r}")
+        return unnamed[0]
 
     def drivers(self, joint: str) -> list[tuple[int, float]]:
         """Actuators that the nominal model hangs on a joint, with their gears."""
@@ -116,11 +159,34 @@ class Plant:
     def reset(self, qpos: Array, qvel: Array) -> None:
         """Start in a state of the nominal joints; anything added (a rotor) starts in line with its joint."""
         mujoco.mj_resetData(self.model, self.data)
+        for forget in self.stages.restart:
+            forget()
         self.data.qpos[self.qpos_of] = qpos
         self.data.qvel[self.dof_of] = qvel
         for joint, rotor in self.stages.drive_joint.items():
-            self.data.qpos[self.model.joint(rotor).qposadr[0]] = self.q(joint)
+            self.data.qpos[self._address[rotor][0]] = self.q(joint)
             self.data.qvel[self.dof(rotor)] = self.v(joint)
+
+    @property
+    def joints(self) -> set[str]:
+        """Names of all joints."""
+        return set(self._address)
+
+    def body_velocity(self, body: str) -> Array:
+        """Linear velocity [3] of a body's centre of mass, world frame."""
+        spatial = np.zeros(6)
+        b = self.model.body(body).id
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, b, spatial, 0)
+        return spatial[3:]
+
+    def push(self, body: str, force: Array, extra: Array) -> None:
+        """Add the generalised force of a world-frame force [3] at the body's centre of mass."""
+        b = self.model.body(body).id
+        mujoco.mj_applyFT(self.model, self.data, force, np.zeros(3), self.data.xipos[b], b, extra)
+
+    def refresh(self) -> None:
+        """Recompute what MuJoCo derives from masses, after an edit of the compiled model."""
+        mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
 
     def state(self) -> tuple[Array, Array]:
         """True positions and velocities of the nominal joints, in the nominal order."""
@@ -130,9 +196,10 @@ class Plant:
         """Advance by `dt` under a command [nu] that already went through the command stages."""
         m, d = self.model, self.data
         mujoco.mj_step1(m, d)
-        f = self.gain * np.clip(command, *self.ctrl_range) + self.bias[:, 0]
-        f = f + self.bias[:, 1] * d.actuator_length + self.bias[:, 2] * d.actuator_velocity
-        f = np.clip(f, *self.force_range)
+        f = self.gain * _clip(command, self.ctrl_range)
+        if self.servo:
+            f += self.bias[:, 0] + self.bias[:, 1] * d.actuator_length + self.bias[:, 2] * d.actuator_velocity
+        f = _clip(f, self.force_range)
         for stage in self.stages.force:
             f = stage(self, f)
         self.force = f
@@ -152,24 +219,37 @@ class Plant:
         mujoco.mj_fwdActuation(m, d)
         mujoco.mj_fwdAcceleration(m, d)
         mujoco.mj_fwdConstraint(m, d)
-        dofs = np.array([f.dof for f in self.friction])
-        unit = np.zeros((len(dofs), m.nv))
-        unit[np.arange(len(dofs)), dofs] = 1
-        inverse = np.zeros_like(unit)
-        mujoco.mj_solveM(m, d, inverse, unit)
+        dofs, inverse = self.friction_dofs, np.zeros_like(self.friction_unit)
+        mujoco.mj_solveM(m, d, inverse, self.friction_unit)
         a = inverse[:, dofs]
         free = d.qvel[dofs] / self.dt + d.qacc[dofs]
         bounds = [
-            f.level(float(d.qvel[f.dof]), sum(abs(gear) * abs(self.force[i]) for i, gear in f.actuators))
+            f.level(float(d.qvel[f.dof]), abs(sum(gear * self.force[i] for i, gear in f.actuators)))
             for f in self.friction
         ]
-        tau = np.zeros(len(dofs))
-        for _ in range(1 if len(dofs) == 1 else 20):
-            for i, (forward, backward) in enumerate(bounds):
-                rest = free[i] + a[i] @ tau - a[i, i] * tau[i]
-                tau[i] = min(max(-rest / a[i, i], -forward), backward)
+        tau = _projected(a, free, np.array(bounds))
         d.qfrc_applied[dofs] += tau
         self.extra[dofs] += tau
+
+
+def _projected(a: Array, free: Array, bounds: Array) -> Array:
+    """tau within [-bounds[:, 0], bounds[:, 1]] with a tau + free = 0 wherever it is inside (Gauss-Seidel)."""
+    tau = np.linalg.solve(a, -free) if len(free) > 1 else -free / a[0]
+    if (tau >= -bounds[:, 0]).all() and (tau <= bounds[:, 1]).all():
+        return tau
+    tau = np.minimum(np.maximum(tau, -bounds[:, 0]), bounds[:, 1])
+    for _ in range(0 if len(free) == 1 else 200):
+        before = tau.copy()
+        for i in range(len(free)):
+            rest = free[i] + a[i] @ tau - a[i, i] * tau[i]
+            tau[i] = min(max(-rest / a[i, i], -bounds[i, 0]), bounds[i, 1])
+        if np.abs(tau - before).max() <= 1e-9 * np.abs(tau).max():
+            break
+    return tau
+
+
+def _clip(x: Array, bounds: tuple[Array, Array]) -> Array:
+    return np.minimum(np.maximum(x, bounds[0]), bounds[1])
 
 
 def _range(limited: Array, bounds: Array) -> tuple[Array, Array]:

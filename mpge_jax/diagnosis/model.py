@@ -124,17 +124,20 @@ def names_of(model: mujoco.MjModel) -> Names:
 
 def is_joint_transmission(model: mujoco.MjModel, actuator: int) -> bool:
     """Whether the actuator drives one hinge or slide joint directly."""
-    if model.actuator_trntype[actuator] not in (
-        mujoco.mjtTrn.mjTRN_JOINT,
-        mujoco.mjtTrn.mjTRN_JOINTINPARENT,
-    ):
+    direct = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    if int(model.actuator_trntype[actuator]) not in direct:
         return False
-    return int(model.jnt_type[model.actuator_trnid[actuator, 0]]) in (_HINGE, _SLIDE)
+    return is_scalar(model, int(model.actuator_trnid[actuator, 0]))
+
+
+def is_scalar(model: mujoco.MjModel, joint: int) -> bool:
+    """Whether a joint is a hinge or a slide."""
+    return int(model.jnt_type[joint]) in (_HINGE, _SLIDE)
 
 
 def scalar_joints(model: mujoco.MjModel) -> list[int]:
     """Indices of hinge and slide joints."""
-    return [j for j in range(model.njnt) if int(model.jnt_type[j]) in (_HINGE, _SLIDE)]
+    return [j for j in range(model.njnt) if is_scalar(model, j)]
 
 
 def floating_base_joints(model: mujoco.MjModel) -> set[int]:

@@ -37,7 +37,8 @@ def noise_level(time: Array, value: Array) -> float:
         if moving.size > 0.2 * d.size:
             # long rests of a quantised encoder must not hide the noise of the moving parts
             levels[-1] = max(levels[-1], 0.5 * _MAD * float(np.median(moving)))
-    return min(levels)
+    least = min(levels)
+    return float(np.mean([x for x in levels if x <= 1.15 * least]))
 
 
 def quantum(value: Array) -> float:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.model import Names
+from mpge_jax.diagnosis.model import Names, is_scalar
 
 Array = np.ndarray
 
@@ -166,7 +166,7 @@ def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list
         out.append(f"{name}: rows are {median:.3g} s apart, closer than the model's timestep.")
     for j in range(model.njnt):
         column = int(model.jnt_qposadr[j])
-        if model.jnt_type[j] not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+        if not is_scalar(model, j):
             continue
         value = recording.qpos[:, column]
         if np.isnan(value).all():

@@ -1,0 +1,1 @@
+"""Commands: `sweep`, `diagnose`, `pretrain`, `benchmark`. The library never imports from here."""

@@ -1,0 +1,123 @@
+"""`python -m experiments.blind build | run | score`: draw the cases, run the diagnosis on each, mark the answers.
+
+Seeds: 1 to 99 are for building and tuning, 100 and above for reporting; a reported seed is run once.
+
+    python -m experiments.blind build --out blind --seed 101
+    python -m experiments.blind run   --cases blind/cases --out blind/runs
+    python -m experiments.blind score --answers blind/answers --runs blind/runs --out blind/score
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from experiments.blind.build import build
+from experiments.blind.build import Counts as CaseCounts
+from experiments.blind.run import run_all
+from experiments.blind.score import write_score
+
+
+@dataclass(frozen=True)
+class Build:
+    """Draw machines with hidden physics and record them."""
+
+    out: Path
+    """Cases go to OUT/cases (model.xml and recordings), answers to OUT/answers."""
+    seed: int
+    """1 to 99 for building and tuning, from 100 on for reporting."""
+    counts: Annotated[CaseCounts, tyro.conf.arg(name="")] = CaseCounts()
+    answers: Path | None = None
+    """Another folder for the answers."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Run the diagnosis on every case, one process each; finished cases are skipped."""
+
+    cases: Path
+    out: Path
+    only: tuple[str, ...] = ()
+    """Names of cases; all when empty."""
+    jobs: int = 2
+    """Passed on to the diagnosis."""
+    seed: int = 0
+    """Passed on to the diagnosis."""
+    timeout: float = 900.0
+    """Seconds after which a case is given up."""
+    retry_failed: bool = False
+    """Run cases again that ended with an error."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """Mark the reports against the answers; writes score.md and score.json."""
+
+    answers: Path
+    runs: Path
+    out: Path
+
+
+Command = (
+    Annotated[Build, tyro.conf.subcommand("build")]
+    | Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[Score, tyro.conf.subcommand("score")]
+)
+
+
+def main(args: list[str] | None = None) -> int:
+    """The command line; returns the exit status."""
+    command = tyro.cli(Command, args=args, description=__doc__)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    try:
+        if isinstance(command, Score):
+            print(write_score(command.answers, command.runs, command.out))
+            return 0
+        with Progress(*columns, console=Console(stderr=True)) as bar:
+            task = bar.add_task("cases", total=None)
+
+            def progress(done: int, total: int) -> None:
+                bar.update(task, completed=done, total=total)
+
+            if isinstance(command, Build):
+                answers = command.answers or command.out / "answers"
+                build(command.out / "cases", answers, command.seed, command.counts, progress)
+            else:
+                run_all(
+                    command.cases,
+                    command.out,
+                    only=command.only,
+                    jobs=command.jobs,
+                    seed=command.seed,
+                    timeout=command.timeout,
+                    retry_failed=command.retry_failed,
+                    progress=progress,
+                )
+        return 0
+    except (ValueError, FileNotFoundError) as problem:
+        print(f"error: {problem}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

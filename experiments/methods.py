@@ -1,0 +1,289 @@
+"""What each method of the comparison does, for all seeds of a cell at once.
+
+Shapes: `S` seeds, `K` rollout policies, `N` transformers of a seed.
+"""
+
+import dataclasses
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import envs
+from experiments.presets import Preset
+from mpge_jax import agent, ensemble, loop, policies, target_log, transform_error
+from mpge_jax.grounded_env import GroundedEnv
+from mpge_jax.loop import Curve
+from mpge_jax.policies import PolicySet
+from mpge_jax.sac import SACState
+from mpge_jax.target_log import TargetLog
+from mpge_jax.transformer import Transformer
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to carry a policy to the target.
+
+    Attributes:
+      name: as on the command line and in tables.
+      kind: set of rollout policies, MS or ER.
+      grounding: how transformers are learned; None learns none.
+      several_policies: K of the preset, or one.
+      ensemble: N of the preset, or one.
+      about: one line for `--help` and reports.
+    """
+
+    name: str
+    about: str
+    kind: str = "MS"
+    grounding: str | None = None
+    several_policies: bool = True
+    ensemble: bool = False
+
+    @property
+    def uses_samples(self) -> bool:
+        """Whether the method learns from target transitions of a metered budget."""
+        return self.grounding is not None
+
+
+METHODS = {
+    method.name: method
+    for method in (
+        Method("direct", "the source policy, as it is"),
+        Method("SPG", "one rollout policy, one transformer (GARAT)", grounding="adversarial", several_policies=False),
+        Method("MPG-MS", "several seeds, one transformer", grounding="adversarial"),
+        Method("MPG-ER", "entropy-regularised policies, one transformer", kind="ER", grounding="adversarial"),
+        Method("MPGE-MS", "several seeds, an ensemble", grounding="adversarial", ensemble=True),
+        Method(
+            "MPGE-ER", "entropy-regularised policies, an ensemble", kind="ER", grounding="adversarial", ensemble=True
+        ),
+        Method("GAT", "the simulator inverted on the target's transitions, then regressed", grounding="inversion"),
+        Method(
+            "MPGE+",
+            "an ensemble that starts from the inversion, with episodes from logged states",
+            grounding="both",
+            ensemble=True,
+        ),
+        Method("target", "trained in the target: the upper bound"),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One entry of the comparison: everything that decides its result."""
+
+    task: str
+    method: str
+    samples: int
+    seeds: tuple[int, ...]
+    preset: Preset
+    backend: str
+    dynamics: str
+
+    def keys(self, stage: str, *shared: str) -> jax.Array:
+        """A key for each seed, `[S]`, for one stage of the work.
+
+        It depends on `shared` and not on the method where given: methods with the same policies get the same log.
+        """
+        label = "/".join((stage, *(shared or (self.method,)), str(self.samples)))
+        root = jax.random.key(zlib.crc32(label.encode()))
+        return jnp.stack([jax.random.fold_in(root, seed) for seed in self.seeds])
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a cell gave.
+
+    Attributes:
+      rows: one dict of results for each seed.
+      curve: of the grounding, every metric `[iterations, S, N]`, or empty.
+      logs: the target logs, every leaf `[S, ...]`, or None.
+      transformers: every leaf `[S, N, ...]`, or None.
+      agents: the deployed policies, S of them.
+    """
+
+    rows: list[dict[str, Any]]
+    curve: Curve
+    logs: TargetLog | None
+    transformers: Transformer | None
+    agents: PolicySet
+
+
+def run(cell: Cell, folder: Path, quiet: bool = False) -> Outcome:
+    """Runs a cell; what it needs to be resumed is kept in `folder`."""
+    method = METHODS[cell.method]
+    target = envs.make(cell.task, cell.backend, cell.dynamics)
+    source = envs.make(envs.source_of(cell.task), cell.backend, cell.dynamics)
+    full, _ = policies.shipped(source.name, method.kind)
+    rotation = [[(seed + k) % full.size for k in range(_policies(cell, method))] for seed in cell.seeds]
+    sets = jax.tree.map(lambda *x: jnp.stack(x), *(full.select(indices) for indices in rotation))
+
+    logs, transformers, curve = None, None, {}
+    extra: list[dict[str, Any]] = [{} for _ in cell.seeds]
+    if method.uses_samples:
+        logs = _record(cell, method, target, sets)
+        transformers, curve = _ground(cell, method, source, target, sets, logs, folder, quiet)
+        extra = _errors(cell, source, target, transformers)
+    learners = _train(cell, method, source, target, sets, transformers, folder, quiet)
+    agents = policies.from_learners(learners)
+    returns = _evaluate(cell, target, agents)
+    rows = [
+        {
+            "task": cell.task,
+            "method": cell.method,
+            "samples": cell.samples,
+            "seed": seed,
+            "target_steps": 0 if logs is None else int(np.sum(np.asarray(logs.count[i]))),
+            **{name: float(np.mean(values[i])) for name, values in returns.items()},
+            **{f"{name}_std": float(np.std(values[i])) for name, values in returns.items()},
+            **extra[i],
+        }
+        for i, seed in enumerate(cell.seeds)
+    ]
+    return Outcome(rows, curve, logs, transformers, agents)
+
+
+def _policies(cell: Cell, method: Method) -> int:
+    return cell.preset.policies if method.several_policies else 1
+
+
+def _record(cell: Cell, method: Method, target: envs.Env, sets: PolicySet) -> TargetLog:
+    keys = cell.keys("log", method.kind, str(_policies(cell, method)))
+    config = cell.preset.tasks[envs.source_of(cell.task)].grounding.rollout
+    logs = [
+        target_log.collect(key, target, jax.tree.map(lambda x, i=i: x[i], sets), cell.samples, config)
+        for i, key in enumerate(keys)
+    ]
+    return jax.tree.map(lambda *x: jnp.stack(x), *logs)
+
+
+def _ground(
+    cell: Cell,
+    method: Method,
+    source: envs.Env,
+    target: envs.Env,
+    sets: PolicySet,
+    logs: TargetLog,
+    folder: Path,
+    quiet: bool,
+) -> tuple[Transformer, Curve]:
+    seeds, members = len(cell.seeds), cell.preset.members if method.ensemble else 1
+    config = cell.preset.tasks[source.name].grounding
+
+    def repeat(tree: Any) -> Any:
+        return jax.tree.map(lambda x: jnp.repeat(x, members, axis=0), tree)
+
+    def fold(tree: Any) -> Any:
+        return jax.tree.map(lambda x: x.reshape(seeds, members, *x.shape[1:]), tree)
+
+    def keys(stage: str) -> jax.Array:
+        return jax.vmap(lambda key: jax.random.split(key, members))(cell.keys(stage)).reshape(-1)
+
+    start, curve = None, {}
+    if method.grounding in ("inversion", "both"):
+        start, _ = ensemble.invert_ensemble(source, repeat(logs), cell.preset.inversion, keys("inversion"))
+        if method.grounding == "inversion":
+            return fold(start), curve
+        config = cell.preset.plus.grounding(config)
+        start = start.replace(
+            params={**start.params, "log_std": jnp.full_like(start.params["log_std"], cell.preset.plus.log_std)}
+        )
+    transformers, curve = ensemble.ground_ensemble(
+        source,
+        repeat(sets),
+        repeat(logs),
+        config,
+        keys("grounding"),
+        truth=transform_error.truth_of(target),
+        start=start,
+        folder=folder / "grounding",
+        quiet=quiet,
+        title=f"{cell.method} {cell.samples}: grounding {seeds} x {members}",
+    )
+    return fold(transformers), {
+        name: values.reshape(len(values), seeds, members) for name, values in curve.items()
+    }
+
+
+def _errors(cell: Cell, source: envs.Env, target: envs.Env, transformers: Transformer) -> list[dict[str, Any]]:
+    """The action-transformation error of each seed (fact 28), a mean over its members."""
+    truth = transform_error.truth_of(target)
+    if truth is None:
+        return [{} for _ in cell.seeds]
+
+    def one(key: jax.Array, members: Transformer) -> jax.Array:
+        size = members.input_mean.shape[0]
+        measure = jax.vmap(lambda k, m: transform_error.in_rollouts(k, m, source, truth))
+        return jnp.mean(measure(jax.random.split(key, size), members))
+
+    errors = jax.jit(jax.vmap(one))(cell.keys("error"), transformers)
+    return [{"transform_error": float(error)} for error in errors]
+
+
+def _train(
+    cell: Cell,
+    method: Method,
+    source: envs.Env,
+    target: envs.Env,
+    sets: PolicySet,
+    transformers: Transformer | None,
+    folder: Path,
+    quiet: bool,
+) -> SACState:
+    """Agents that start from the first policy of each seed's set, every leaf `[S, ...]`."""
+    settings = cell.preset.tasks[source.name]
+    config = settings.agent
+    first = [jax.tree.map(lambda x, i=i: x[i], sets).learner(0, config.sac) for i in range(len(cell.seeds))]
+    learners = jax.tree.map(lambda *x: jnp.stack(x), *first)
+    if method.name == "direct":
+        return learners
+
+    def env_of(members: Transformer | None) -> envs.Environment:
+        return target if members is None else GroundedEnv(source, members)
+
+    init = jax.jit(
+        jax.vmap(lambda key, learner, members: agent.init(key, env_of(members), config, learner))
+    )
+    step = jax.jit(
+        jax.vmap(lambda state, members: agent.iterate(state, env_of(members), config)), donate_argnums=0
+    )
+    state, _ = loop.run(
+        lambda s: step(s, transformers),
+        init(cell.keys("agent"), learners, transformers),
+        settings.agent_iterations,
+        title=f"{cell.method} {cell.samples}: training {len(cell.seeds)} agents",
+        folder=folder / "agent",
+        identity={
+            "cell": [cell.task, cell.method, cell.samples, cell.seeds, cell.backend, cell.dynamics],
+            "config": dataclasses.asdict(config),
+        },
+        note=lambda metrics: f"return there {np.nanmean(np.append(metrics['return'], np.nan)):.0f}"
+        if np.isfinite(metrics["return"]).any()
+        else "",
+        quiet=quiet,
+    )
+    return state.learner
+
+
+def _evaluate(cell: Cell, target: envs.Env, agents: PolicySet) -> dict[str, np.ndarray]:
+    """Returns in the target, `[S, episodes]`, for reporting only."""
+    config, episodes = cell.preset.tasks[envs.source_of(cell.task)].agent.sac, cell.preset.episodes
+    return {
+        name: np.asarray(
+            jax.jit(
+                jax.vmap(lambda k, actor, s=stochastic: agent.evaluate(k, target, actor, config, episodes, s))
+            )(cell.keys(f"evaluation {name}"), agents.actor)
+        )
+        for name, stochastic in (("return_stochastic", True), ("return_deterministic", False))
+    }
+
+
+def known_samples(samples: Sequence[int], method: str) -> list[int]:
+    """The sample sizes that a method has cells for: 0 alone where it uses none."""
+    return list(samples) if METHODS[method].uses_samples else [0]

@@ -1,0 +1,178 @@
+"""Trains sets of source policies: `python -m experiments.pretrain --task HalfCheetah --kind MS`.
+
+All seeds of an MS set are one vmapped compiled program. An ER set is a sequence: each policy is rewarded for the mean
+entropy of those before it (the first of them is the MS set's first, which is trained the same way). Interrupted runs
+go on where they stopped.
+"""
+
+import dataclasses
+import platform
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+
+import envs
+from mpge_jax import agent, loop, policies, sac
+from mpge_jax.agent import AgentConfig
+from mpge_jax.policies import PolicySet
+from mpge_jax.sac import SACConfig
+
+EPISODES = 50
+
+# Chosen for two cores: small batches with high learning rates, four fresh transitions an update.
+_FAST = SACConfig(actor_lr=1e-3, critic_lr=1e-3, alpha_lr=1e-3, batch_size=128)
+CONFIGS = {
+    "HalfCheetah": AgentConfig(sac=_FAST, buffer_capacity=500_000),
+    "Hopper": AgentConfig(sac=_FAST, buffer_capacity=300_000),
+    "InvertedPendulum": AgentConfig(sac=_FAST, buffer_capacity=100_000, random_steps=1_000),
+}
+UPDATES = {"HalfCheetah": 63_744, "Hopper": 60_000, "InvertedPendulum": 12_000}
+
+
+@dataclass(frozen=True)
+class Args:
+    """Command line.
+
+    Attributes:
+      task: source task.
+      kind: MS (independent seeds) or ER (entropy-regularised, in sequence).
+      count: policies of the set.
+      updates: SAC updates for each policy; the task's own budget where None.
+      entropy_coefficient: weight of the ER bonus (0.1 in the paper's text, 0.01 in its release).
+      seed: of the whole set.
+      out: folder for the set and the checkpoints; the set replaces the shipped one where None.
+      quiet: no progress.
+    """
+
+    task: Literal["HalfCheetah", "Hopper", "InvertedPendulum"] = "InvertedPendulum"
+    kind: Literal["MS", "ER"] = "MS"
+    count: int = 5
+    updates: int | None = None
+    entropy_coefficient: float = 0.1
+    seed: int = 0
+    out: Path | None = None
+    quiet: bool = False
+
+
+def train(args: Args, folder: Path) -> tuple[PolicySet, dict[str, Any]]:
+    """Trains the set; returns it with an account of how (returns are measured after storage's rounding)."""
+    env = envs.make(args.task)
+    config = CONFIGS[args.task]
+    updates = UPDATES[args.task] if args.updates is None else args.updates
+    iterations = -(-updates // config.updates_per_iteration)
+    started = time.time()
+    keys = jax.random.split(jax.random.key(args.seed), args.count)
+    train_set = _train_ms if args.kind == "MS" else _train_er
+    result = train_set(args, env, config, keys, iterations, folder)
+    about = {
+        "task": args.task,
+        "kind": args.kind,
+        "seed": args.seed,
+        "updates": iterations * config.updates_per_iteration,
+        "env_steps": config.random_steps + iterations * config.env_steps_per_iteration,
+        "entropy_coefficient": args.entropy_coefficient if args.kind == "ER" else 0.0,
+        "config": dataclasses.asdict(config),
+        "seconds_of_last_run": round(time.time() - started),
+        "machine": f"{platform.machine()}, {jax.default_backend()}, jax {jax.__version__}",
+    }
+    return result, about
+
+
+def returns_of(result: PolicySet, env: envs.Env, config: SACConfig, seed: int) -> dict[str, list[float]]:
+    """Mean return of each policy over 50 episodes, deterministic and stochastic."""
+    keys = jax.random.split(jax.random.key(seed), result.size)
+    measured = {}
+    for name, stochastic in (("deterministic", False), ("stochastic", True)):
+        evaluate = jax.jit(
+            jax.vmap(lambda k, a, s=stochastic: agent.evaluate(k, env, a, config, EPISODES, s).mean())
+        )
+        measured[name] = [round(float(x), 1) for x in evaluate(keys, result.actor)]
+    return measured
+
+
+def _train_ms(
+    args: Args, env: envs.Env, config: AgentConfig, keys: jax.Array, iterations: int, folder: Path
+) -> PolicySet:
+    init = jax.jit(jax.vmap(lambda key: agent.init(key, env, config)))
+    update = jax.jit(jax.vmap(lambda state: agent.iterate(state, env, config)), donate_argnums=0)
+    state, _ = loop.run(
+        update, init(keys), iterations, **_loop_options(args, folder / f"{args.task}-MS", "MS", config)
+    )
+    return policies.from_learners(state.learner)
+
+
+def _train_er(
+    args: Args, env: envs.Env, config: AgentConfig, keys: jax.Array, iterations: int, folder: Path
+) -> PolicySet:
+    first, _ = policies.load(_set_path(args, "MS"))
+    done = first.select([0])
+    # The set so far, padded to its final size, so that every member of the sequence runs the same program.
+    padded = first.select([0] * args.count)
+
+    def bonus(obs: jax.Array, earlier: PolicySet, weights: jax.Array) -> jax.Array:
+        return args.entropy_coefficient * policies.mean_entropy(earlier, weights, obs, config.sac)
+
+    init = jax.jit(
+        lambda key, earlier, weights: agent.init(key, env, config, bonus=lambda o: bonus(o, earlier, weights))
+    )
+    iterate = jax.jit(
+        lambda state, earlier, weights: agent.iterate(state, env, config, lambda o: bonus(o, earlier, weights)),
+        donate_argnums=0,
+    )
+    for index in range(1, args.count):
+        weights = (jnp.arange(args.count) < index).astype(jnp.float32)
+        state, _ = loop.run(
+            lambda s, e=padded, w=weights: iterate(s, e, w),
+            init(keys[index], padded, weights),
+            iterations,
+            **_loop_options(args, folder / f"{args.task}-ER-{index}", f"ER {index + 1}/{args.count}", config),
+        )
+        new = policies.from_learners(jax.tree.map(lambda x: x[None], state.learner))
+        done = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), done, new)
+        padded = jax.tree.map(lambda all_, one, i=index: all_.at[i].set(one[0]), padded, new)
+    return done
+
+
+def _loop_options(args: Args, folder: Path, label: str, config: AgentConfig) -> dict[str, Any]:
+    identity = {"args": dataclasses.asdict(dataclasses.replace(args, quiet=False, out=None)), "config": config}
+    return {
+        "title": f"{args.task} {label}",
+        "folder": folder,
+        "identity": identity,
+        "seconds_between_checkpoints": 120.0,
+        "note": lambda metrics: f"return {np.round(np.nanmean(metrics['return']), 1)}",
+        "quiet": args.quiet,
+    }
+
+
+def _set_path(args: Args, kind: str) -> Path:
+    if args.out is None:
+        return policies.shipped_path(args.task, kind)
+    return args.out / f"{args.task}-{kind}.npz"
+
+
+def main(args: Args) -> None:
+    """Trains, stores, measures what was stored, and says it."""
+    print(CONFIGS[args.task])
+    result, about = train(args, (Path("runs") if args.out is None else args.out) / "pretrain")
+    path = _set_path(args, args.kind)
+    policies.save(path, result, about)
+    stored, _ = policies.load(path)
+    about["returns"] = returns_of(stored, envs.make(args.task), CONFIGS[args.task].sac, args.seed + 1)
+    policies.save(path, stored, about)
+    print(f"{path}\n{about}")
+
+
+if __name__ == "__main__":
+    try:
+        main(tyro.cli(Args))
+    except (ValueError, FileNotFoundError) as error:
+        print(f"pretrain: {error}", file=sys.stderr)
+        sys.exit(2)

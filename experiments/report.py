@@ -1,0 +1,113 @@
+"""Tables and pictures of a sweep."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+from experiments import paper
+from mpge_jax.loop import Curve
+
+Rows = list[dict[str, Any]]
+
+# Okabe and Ito's colours, which stay apart for colour-blind readers.
+_COLOURS = {
+    "SPG": "#E69F00",
+    "MPG-MS": "#56B4E9",
+    "MPG-ER": "#CC79A7",
+    "MPGE-MS": "#0072B2",
+    "MPGE-ER": "#D55E00",
+    "GAT": "#999999",
+    "MPGE+": "#009E73",
+}
+
+
+def _groups(rows: Rows) -> dict[tuple[str, int], Rows]:
+    groups: dict[tuple[str, int], Rows] = {}
+    for row in rows:
+        groups.setdefault((row["method"], row["samples"]), []).append(row)
+    return groups
+
+
+def _spread(values: list[float]) -> float:
+    return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
+
+
+def _cell(values: list[float], digits: int) -> str:
+    if not values:
+        return ""
+    spread = f" ± {_spread(values):.{digits}f}" if len(values) > 1 else ""
+    return f"{np.mean(values):.{digits}f}{spread}"
+
+
+def markdown(rows: Rows, order: list[str], failures: dict[str, str]) -> str:
+    """The results as a Markdown table: mean ± std over seeds (ddof 1), the paper's mean beside."""
+    lines = [
+        "| method | samples | seeds | return, stochastic | return, deterministic | paper | transform error |"
+        " target steps a seed |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    groups = _groups(rows)
+    for method, samples in sorted(groups, key=lambda cell: (order.index(cell[0]), cell[1])):
+        group = groups[method, samples]
+        column = lambda name, g=group: [row[name] for row in g if row.get(name) is not None]  # noqa: E731
+        published = paper.mean_return(group[0]["task"], method, samples)
+        steps = sorted({row["target_steps"] for row in group})
+        lines.append(
+            f"| {method} | {samples or '-'} | {len(group)} | {_cell(column('return_stochastic'), 0)} "
+            f"| {_cell(column('return_deterministic'), 0)} | {'' if published is None else f'{published:.0f}'} "
+            f"| {_cell(column('transform_error'), 3)} | {'/'.join(map(str, steps))} |"
+        )
+    for cell, error in failures.items():
+        lines.append(f"\n{cell} failed: {error}")
+    return "\n".join(lines) + "\n"
+
+
+def returns_figure(rows: Rows, path: Path, task: str) -> None:
+    """Mean return in the target against samples, one line a method; direct and target as levels."""
+    figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
+    groups = _groups(rows)
+    for method, colour in _COLOURS.items():
+        sizes = sorted(samples for name, samples in groups if name == method)
+        if not sizes:
+            continue
+        values = [[row["return_stochastic"] for row in groups[method, samples]] for samples in sizes]
+        means = [float(np.mean(v)) for v in values]
+        errors = [_spread(v) if len(v) > 1 else 0.0 for v in values]
+        axes.errorbar(sizes, means, errors, color=colour, marker="o", capsize=3, label=method)
+    for method, style in (("direct", ":"), ("target", "--")):
+        if (method, 0) in groups:
+            level = float(np.mean([row["return_stochastic"] for row in groups[method, 0]]))
+            axes.axhline(level, color="black", linestyle=style, label=method)
+    axes.set(xscale="log", xlabel="transitions recorded in the target", ylabel="return in the target", title=task)
+    axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    _save(figure, path)
+
+
+def errors_figure(curves: dict[tuple[str, int], Curve], path: Path, task: str, batch: int) -> None:
+    """Action-transformation error (uniform actions, logged states) against simulator steps of one transformer."""
+    figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
+    styles = {samples: style for samples, style in zip(sorted({s for _, s in curves}), ("-", "--", ":", "-."), strict=False)}
+    for (method, samples), curve in curves.items():
+        if "error_uniform" not in curve:
+            continue
+        error = curve["error_uniform"].reshape(len(curve["error_uniform"]), -1)
+        steps = batch * (1 + np.arange(len(error)))
+        style = styles.get(samples, "-")
+        colour = _COLOURS.get(method, "black")
+        axes.plot(steps, error.mean(axis=1), color=colour, linestyle=style, label=f"{method}, {samples}")
+        axes.fill_between(steps, error.min(axis=1), error.max(axis=1), color=colour, alpha=0.12, linewidth=0)
+    axes.set(xlabel="simulator steps of one transformer", ylabel="action-transformation error", title=task, ylim=(0, None))
+    axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    _save(figure, path)
+
+
+def _save(figure: Any, path: Path) -> None:
+    partial = path.with_name(path.name + ".partial")
+    figure.savefig(partial, format="png", dpi=150)
+    plt.close(figure)
+    partial.replace(path)

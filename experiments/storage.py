@@ -1,0 +1,162 @@
+"""The folder of a sweep: what was asked, what every cell gave, atomically written, never mixed with another sweep's."""
+
+import csv
+import dataclasses
+import json
+import os
+import platform
+import shutil
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from mpge_jax import policies, target_log
+from mpge_jax.loop import Curve
+from mpge_jax.policies import PolicySet
+from mpge_jax.target_log import TargetLog
+from mpge_jax.transformer import Transformer
+
+_PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "gymnasium", "numpy")
+
+
+def plain(value: Any) -> Any:
+    """`value` as JSON holds it: dataclasses and mappings as dicts, tuples as lists."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {"kind": type(value).__name__, **fields}
+    if isinstance(value, dict):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value
+
+
+def versions() -> dict[str, str]:
+    """Versions of what results depend on, and the kind of machine."""
+    device = jax.devices()[0]
+    return {
+        "python": platform.python_version(),
+        **{name: version(name) for name in _PACKAGES},
+        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, {device.device_kind}",
+    }
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file in one step: a reader sees the old or the new one, never half of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(text)
+    os.replace(partial, path)
+
+
+class SweepFolder:
+    """The output folder of one sweep.
+
+    Args:
+      path: the folder; made where there is none.
+      identity: what all cells share; a folder of another sweep is refused.
+
+    Raises:
+      ValueError: the folder holds another sweep, or something that is not a sweep.
+    """
+
+    def __init__(self, path: Path, identity: dict[str, Any]):
+        self.path = path
+        record = path / "sweep.json"
+        if record.is_file():
+            try:
+                found = json.loads(record.read_text())["identity"]
+            except (ValueError, KeyError, TypeError) as error:
+                raise ValueError(f"{record} cannot be read; move the folder away or choose another --out") from error
+            differing = sorted(k for k in {*found, *identity} if found.get(k) != identity.get(k))
+            if differing:
+                raise ValueError(
+                    f"{path} holds another sweep ({', '.join(differing)} differ); choose another --out"
+                )
+        elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise ValueError(f"{path} is not empty and holds no sweep; choose another --out")
+        else:
+            write_text(record, json.dumps({"identity": identity, "versions": versions()}, indent=1))
+
+    def cell(self, method: str, samples: int) -> Path:
+        """Where a cell keeps its files."""
+        return self.path / "cells" / f"{method}-{samples}"
+
+    def is_done(self, method: str, samples: int) -> bool:
+        """Whether the cell has its result."""
+        return (self.cell(method, samples) / "result.json").is_file()
+
+    def save_cell(
+        self,
+        method: str,
+        samples: int,
+        rows: list[dict[str, Any]],
+        curve: Curve,
+        logs: TargetLog | None,
+        transformers: Transformer | None,
+        agents: PolicySet,
+    ) -> None:
+        """Stores a cell; its result last, so that a cell with a result is complete. Drops its checkpoints."""
+        folder = self.cell(method, samples)
+        folder.mkdir(parents=True, exist_ok=True)
+        if logs is not None:
+            for i, row in enumerate(rows):
+                one = jax.tree.map(lambda x, i=i: x[i], logs)
+                target_log.save(folder / f"target_log_{row['seed']}.npz", one)
+        if transformers is not None:
+            leaves, _ = jax.tree_util.tree_flatten_with_path(transformers)
+            arrays = {jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(x) for path, x in leaves}
+            _save_npz(folder / "transformers.npz", arrays)
+        if curve:
+            _save_npz(folder / "curve.npz", curve)
+        policies.save(folder / "agents.npz", agents, {"rows": rows})
+        write_text(folder / "result.json", json.dumps(rows, indent=1))
+        (folder / "error.json").unlink(missing_ok=True)
+        for checkpoints in ("grounding", "agent"):
+            shutil.rmtree(folder / checkpoints, ignore_errors=True)
+
+    def save_error(self, method: str, samples: int, message: str) -> None:
+        """Records why a cell failed."""
+        write_text(self.cell(method, samples) / "error.json", json.dumps({"error": message}, indent=1))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The results of all finished cells, one row a seed."""
+        return [
+            row
+            for file in sorted((self.path / "cells").glob("*/result.json"))
+            for row in json.loads(file.read_text())
+        ]
+
+    def curves(self) -> dict[tuple[str, int], Curve]:
+        """The learning curves of all finished cells that have one."""
+        found = {}
+        for file in sorted((self.path / "cells").glob("*/curve.npz")):
+            method, samples = file.parent.name.rsplit("-", 1)
+            with np.load(file, allow_pickle=False) as arrays:
+                found[method, int(samples)] = {name: arrays[name] for name in arrays.files}
+        return found
+
+    def write_tables(self, markdown: str) -> None:
+        """`results.csv` and `results.json` of all rows, and `results.md`."""
+        rows = self.rows()
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        path = self.path / "results.csv"
+        partial = path.with_name("results.csv.partial")
+        with partial.open("w", newline="") as file:
+            writer = csv.DictWriter(file, names)
+            writer.writeheader()
+            writer.writerows(rows)
+        os.replace(partial, path)
+        record = json.loads((self.path / "sweep.json").read_text())
+        write_text(self.path / "results.json", json.dumps({**record, "rows": rows}, indent=1))
+        write_text(self.path / "results.md", markdown)
+
+
+def _save_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+    os.replace(partial, path)

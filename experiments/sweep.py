@@ -1,0 +1,155 @@
+"""The main job: compare methods on a target. `python -m experiments.sweep --help` lists what is allowed.
+
+    python -m experiments.sweep --task BrokenCheetah --method SPG MPGE-MS --samples 5000 --seeds 3 --preset standard
+"""
+
+import difflib
+import pprint
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.markdown import Markdown
+
+import envs
+from experiments import methods, report
+from experiments.methods import METHODS, Cell
+from experiments.paper import TASKS
+from experiments.presets import PRESETS, Preset
+from experiments.storage import SweepFolder, plain
+
+_TASKS_HELP = "target: " + ", ".join(TASKS)
+_METHODS_HELP = "methods, or 'all': " + ", ".join(METHODS)
+_PRESETS_HELP = "configuration: " + ", ".join(PRESETS)
+
+
+@dataclass(frozen=True)
+class Args:
+    """Carries source policies to a target by several methods, and compares what they return there."""
+
+    task: Annotated[str, tyro.conf.arg(help=_TASKS_HELP)] = "SkewedPendulum"
+    method: Annotated[tuple[str, ...], tyro.conf.arg(help=_METHODS_HELP)] = ("all",)
+    samples: Annotated[tuple[int, ...], tyro.conf.arg(help="transitions recorded in the target")] = (1000,)
+    seeds: Annotated[int, tyro.conf.arg(help="number of repetitions, 0 to seeds - 1")] = 2
+    preset: Annotated[str, tyro.conf.arg(help=_PRESETS_HELP)] = "quick"
+    out: Annotated[Path | None, tyro.conf.arg(help="output folder (default: results/TASK-PRESET)")] = None
+    backend: Annotated[str, tyro.conf.arg(help="physics: " + ", ".join(envs.BACKENDS))] = "auto"
+    dynamics: Annotated[str, tyro.conf.arg(help="inertia of capsules: " + ", ".join(envs.DYNAMICS))] = "mujoco"
+    quiet: Annotated[bool, tyro.conf.arg(help="no progress bars")] = False
+
+
+def _check(value: str, known: Sequence[str], option: str) -> str:
+    if value not in known:
+        near = difflib.get_close_matches(value, known, n=1, cutoff=0.3)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise ValueError(f"--{option} {value} is not known{hint} (allowed: {', '.join(known)})")
+    return value
+
+
+def cells_of(args: Args) -> tuple[list[Cell], Preset]:
+    """The cells that the command line asks for.
+
+    Raises:
+      ValueError: an unknown name (the nearest is offered) or a number out of range.
+    """
+    task = _check(args.task, [name for name in envs.names() if envs.source_of(name) != name], "task")
+    preset = PRESETS[_check(args.preset, list(PRESETS), "preset")]
+    _check(args.backend, envs.BACKENDS, "backend")
+    _check(args.dynamics, envs.DYNAMICS, "dynamics")
+    if envs.source_of(task) not in preset.tasks:
+        raise ValueError(f"preset {preset.name} has no settings for {envs.source_of(task)}, the source of {task}")
+    if args.seeds < 1:
+        raise ValueError(f"--seeds must be at least 1, got {args.seeds}")
+    chosen = list(METHODS) if args.method == ("all",) else [_check(m, list(METHODS), "method") for m in args.method]
+    for samples in args.samples:
+        if samples < preset.policies:
+            raise ValueError(
+                f"--samples {samples} is smaller than the number of rollout policies, {preset.policies}"
+            )
+    seeds = tuple(range(args.seeds))
+    cells = [
+        Cell(task, method, samples, seeds, preset, args.backend, args.dynamics)
+        for method in dict.fromkeys(chosen)
+        for samples in methods.known_samples(sorted(set(args.samples)), method)
+    ]
+    return cells, preset
+
+
+def sweep(args: Args) -> int:
+    """Runs every cell that has no result yet; returns the number of cells that failed."""
+    console = Console(stderr=True)
+    cells, preset = cells_of(args)
+    settings = preset.tasks[envs.source_of(args.task)]
+    out = args.out or Path("results") / f"{args.task}-{args.preset}"
+    identity = plain(
+        {
+            "task": args.task,
+            "seeds": args.seeds,
+            "preset": preset,
+            "backend": args.backend,
+            "dynamics": args.dynamics,
+        }
+    )
+    folder = SweepFolder(out, identity)
+    console.print(f"{args.task}, preset {preset.name}, seeds {args.seeds}, results in {out}")
+    console.print(pprint.pformat(settings, width=110), highlight=False)
+    failures: dict[str, str] = {}
+    for number, cell in enumerate(cells, 1):
+        label = f"[{number}/{len(cells)}] {cell.method}" + (f", {cell.samples} samples" if cell.samples else "")
+        if folder.is_done(cell.method, cell.samples):
+            console.print(f"{label}: done before", highlight=False)
+            continue
+        started = time.monotonic()
+        try:
+            outcome = methods.run(cell, folder.cell(cell.method, cell.samples), args.quiet)
+        except Exception as error:
+            failures[f"{cell.method}-{cell.samples}"] = f"{type(error).__name__}: {error}"
+            folder.save_error(cell.method, cell.samples, traceback.format_exc())
+            console.print(f"{label}: failed, {type(error).__name__}: {error}", highlight=False)
+            continue
+        seconds = time.monotonic() - started
+        rows = [{**row, "seconds": round(seconds / len(outcome.rows), 1)} for row in outcome.rows]
+        folder.save_cell(
+            cell.method, cell.samples, rows, outcome.curve, outcome.logs, outcome.transformers, outcome.agents
+        )
+        mean = sum(row["return_stochastic"] for row in rows) / len(rows)
+        console.print(f"{label}: return {mean:.0f} in the target, {seconds:.0f} s", highlight=False)
+        write_report(folder, args.task, settings.grounding.batch_size, failures)
+    write_report(folder, args.task, settings.grounding.batch_size, failures)
+    Console().print(Markdown((out / "results.md").read_text()))
+    console.print(f"tables and pictures: {out}", highlight=False)
+    return len(failures)
+
+
+def write_report(folder: SweepFolder, task: str, batch: int, failures: dict[str, str]) -> None:
+    """Tables and pictures of what is there so far."""
+    rows = folder.rows()
+    folder.write_tables(report.markdown(rows, list(METHODS), failures))
+    if rows:
+        report.returns_figure(rows, folder.path / "returns.png", task)
+    curves = folder.curves()
+    if any("error_uniform" in curve for curve in curves.values()):
+        report.errors_figure(curves, folder.path / "errors.png", task, batch)
+
+
+def main() -> int:
+    """The command; returns its exit status."""
+    args = tyro.cli(Args, prog="python -m experiments.sweep", description=Args.__doc__)
+    try:
+        return 1 if sweep(args) else 0
+    except (ValueError, FileNotFoundError) as error:
+        print(f"sweep: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("sweep: interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,19 @@
+"""MPGE in JAX: grounding a simulator in a target's dynamics, and policies that carry over."""
+
+from mpge_jax.ensemble import ground, ground_ensemble, invert_ensemble
+from mpge_jax.grounded_env import GroundedEnv
+from mpge_jax.grounding import GroundingConfig
+from mpge_jax.inversion import InversionConfig
+from mpge_jax.policies import PolicySet
+from mpge_jax.target_log import TargetLog
+
+__all__ = [
+    "GroundedEnv",
+    "GroundingConfig",
+    "InversionConfig",
+    "PolicySet",
+    "TargetLog",
+    "ground",
+    "ground_ensemble",
+    "invert_ensemble",
+]

@@ -1,0 +1,76 @@
+"""What the statistics look like when a hypothesis is true: simulate recordings from it and treat them alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.prepare import Prepared
+from mpge_jax.diagnosis.recording import Recording
+from mpge_jax.diagnosis.simulate import Run
+from mpge_jax.diagnosis.states import estimate
+from mpge_jax.diagnosis.whiten import numerics, robust_loss, whitener
+from mpge_jax.diagnosis.windows import Source, Windows, cut
+
+Array = np.ndarray
+SEGMENT = 0.8
+
+
+def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> tuple[float, float]:
+    """(mean, standard error) of the windows' loss when `f` is the truth, with the same noise and commands.
+
+    Stretches of the held-out and training recordings are simulated anew from their own states, noise is added,
+    and they go through smoothing, cutting and whitening like the real ones.
+    """
+    sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
+    w = prepared.windows(held=False, duration=SEGMENT, limit=limit, seed=5)
+    if not w.count or w.times.shape[1] < 14:
+        return 1.0, 0.05
+    segments = [r for r in _simulated(prepared, f, w, rng) if r.time.size >= 14]
+    if not segments:
+        return 1.0, 0.05
+    noise, states, _ = estimate(segments, sim.model, prepared.names)
+    noise = replace(noise, qpos=prepared.noise.qpos, qvel=prepared.noise.qvel)
+    sources = tuple(Source.build(r, s, r.ctrl) for r, s in zip(segments, states, strict=True))
+    duration = min(prepared.config.decide_s, 0.45 * SEGMENT)
+    cuts = cut(sources, sim.model, noise, duration, 2 * limit, prepared.dt, rng)
+    if not cuts.count:
+        return 1.0, 0.05
+    white = whitener(
+        sim, f.hypothesis, f.theta, cuts, noise, [numerics(sim, f.hypothesis, f.theta, cuts)]
+    )
+    x = white.excess(white(sim.residuals([Run(f.hypothesis, f.theta)], cuts)))[0]
+    loss = robust_loss(x)
+    return float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1)))
+
+
+def _simulated(prepared: Prepared, f: Fitted, w: Windows, rng: np.random.Generator) -> list[Recording]:
+    m = prepared.model
+    residual = prepared.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
+    out = []
+    noise = prepared.noise
+    for k in range(w.count):
+        n = int(w.seen[k].sum())
+        columns = _columns(m)
+        qpos = w.qpos[k, :n].copy()
+        for q, d in columns:
+            qpos[:, q] = w.qpos[k, :n, q] - residual[k, :n, d]
+            qpos[:, q] += noise.qpos[q] * rng.standard_normal(n)
+        velocity = None
+        if np.isfinite(w.qvel[k, :n]).any():
+            velocity = w.qvel[k, :n] - residual[k, :n, m.nv :]
+            velocity = velocity + np.where(np.isfinite(noise.qvel), noise.qvel, 0.0) * rng.standard_normal((n, m.nv))
+        time = w.times[k, :n]
+        grid = w.start[k] + time
+        source = w.sources[w.source[k]]
+        ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
+        out.append(Recording(f"calibration_{k}", time, qpos, velocity, ctrl if m.nu else np.zeros((n, 0))))
+    return out
+
+
+def _columns(m) -> list[tuple[int, int]]:
+    from mpge_jax.diagnosis.model import scalar_joints
+
+    return [(int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])) for j in scalar_joints(m)]

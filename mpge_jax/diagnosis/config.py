@@ -1,0 +1,38 @@
+"""Settings of a diagnosis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Config:
+    """How a diagnosis is made.
+
+    Attributes:
+        effects: identifiers to try (None: all). held_out: names of recordings to hold out (None: by the rule).
+        seed: seed of every random choice. jobs: threads. decide_s, report_s: window lengths in seconds.
+        train_windows, held_windows: most windows used for deciding. max_effects: most effects looked for.
+        quiet: no progress on stderr.
+    """
+
+    effects: tuple[str, ...] | None = None
+    held_out: tuple[str, ...] | None = None
+    seed: int = 0
+    jobs: int = 2
+    decide_s: float = 0.25
+    report_s: float = 0.5
+    train_windows: int = 40
+    held_windows: int = 24
+    max_effects: int | None = None
+    quiet: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0.02 <= self.decide_s <= 5 or not 0.02 <= self.report_s <= 5:
+            raise ValueError("window lengths must lie between 0.02 and 5 seconds.")
+        if self.jobs < 1:
+            raise ValueError(f"jobs must be at least 1, got {self.jobs}.")
+        if self.train_windows < 4 or self.held_windows < 2:
+            raise ValueError("at least 4 training and 2 held-out windows are needed.")
+        if self.max_effects is not None and self.max_effects < 0:
+            raise ValueError(f"max_effects must not be negative, got {self.max_effects}.")

@@ -1,0 +1,105 @@
+"""Typical sizes of a machine's motion and forces, and the force that the nominal model lacks, from recordings."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import Context, Samples, nominal_context
+from mpge_jax.diagnosis.effects.world import contact_geoms
+from mpge_jax.diagnosis.model import Names, is_scalar
+from mpge_jax.diagnosis.windows import Source
+
+Array = np.ndarray
+MAX_SAMPLES = 1500
+
+
+def inverse_samples(
+    model: mujoco.MjModel, sources: tuple[Source, ...], limit: int = MAX_SAMPLES
+) -> tuple[Samples, Array, Array, Array]:
+    """Generalised forces along the smoothed motion at evenly spread rows.
+
+    Returns:
+        samples; needed [S, nv] force that the motion needs; actuator forces [S, nu]; accelerations [S, nv].
+    """
+    data = mujoco.MjData(model)
+    total = sum(max(s.recording.time.size - 2, 0) for s in sources)
+    stride = max(1, total // limit)
+    q, v, a, residual, needed, drive = [], [], [], [], [], []
+    for s in sources:
+        for row in range(1, s.recording.time.size - 1, stride):
+            data.qpos[:], data.qvel[:] = s.states.qpos[row], s.states.qvel[row]
+            data.qacc[:] = s.states.qacc[row]
+            data.ctrl[:] = 0.5 * (s.command[row] + s.command[row - 1])
+            mujoco.mj_inverse(model, data)
+            mujoco.mj_fwdActuation(model, data)
+            q.append(data.qpos.copy())
+            v.append(data.qvel.copy())
+            a.append(data.qacc.copy())
+            needed.append(data.qfrc_inverse.copy())
+            drive.append(data.actuator_force.copy())
+            residual.append(data.qfrc_inverse - data.qfrc_actuator)
+    samples = Samples(
+        np.array(q).reshape(-1, model.nq),
+        np.array(v).reshape(-1, model.nv),
+        np.array(residual).reshape(-1, model.nv),
+    )
+    return (
+        samples,
+        np.array(needed).reshape(-1, model.nv),
+        np.array(drive).reshape(-1, model.nu),
+        np.array(a).reshape(-1, model.nv),
+    )
+
+
+def _rms(x: Array, floor: float) -> Array:
+    """Root mean square [c] over rows without the wildest twentieth (impacts)."""
+    if not len(x):
+        return np.full(x.shape[1], floor)
+    cap = np.quantile(np.abs(x), 0.95, axis=0)
+    return np.maximum(np.sqrt((np.minimum(np.abs(x), cap) ** 2).mean(0)), floor)
+
+
+def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ...]) -> Context:
+    """Scales of forces, speeds and ranges for this model and these recordings."""
+    base = nominal_context(model)
+    samples, needed, drive, acceleration = inverse_samples(model, sources)
+    weight = float(np.linalg.norm(model.opt.gravity)) * base.mass
+    scale = _rms(needed, 1e-6)
+    for a in range(model.nu):
+        moment = _moment(model, a)
+        scale = np.maximum(scale, 0.5 * np.abs(moment) * float(_rms(drive, 0.0)[a]) if len(drive) else 0.0)
+    travel = np.ptp(samples.q, axis=0) if len(samples.q) else np.ones(model.nq)
+    travel_dof = np.ones(model.nv)
+    for j in range(model.njnt):
+        if is_scalar(model, j):
+            travel_dof[model.jnt_dofadr[j]] = travel[model.jnt_qposadr[j]]
+    largest = np.quantile(np.abs(drive), 0.98, axis=0) if len(drive) else np.ones(model.nu)
+    steps = np.concatenate([np.diff(s.recording.time) for s in sources])
+    floor = 1e-3 * float(scale.max())
+    return Context(
+        model=model,
+        names=names,
+        torque=np.maximum(scale, max(floor, 1e-6)),
+        speed=_rms(samples.v, 1e-4),
+        travel=np.maximum(travel_dof, 1e-4),
+        acceleration=_rms(acceleration, 1e-3),
+        drive=np.maximum(largest, max(1e-3 * float(np.max(largest, initial=0.0)), 1e-6)),
+        length=base.length,
+        mass=base.mass,
+        period=float(np.median(steps)),
+        contacts=contact_geoms(model),
+        weight=max(weight, float(base.mass * np.median(np.abs(acceleration))) if len(acceleration) else 1.0, 1e-3),
+        samples=samples,
+    )
+
+
+def _moment(model: mujoco.MjModel, actuator: int) -> Array:
+    """Moment arms [nv] of an actuator in the reference pose."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    out = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(out, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+    return out[actuator]
+
+

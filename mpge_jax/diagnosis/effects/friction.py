@@ -1,0 +1,238 @@
+"""Friction and damping at a joint. Dry friction is MuJoCo's `frictionloss`, made stiff, so that it really sticks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import (
+    Array,
+    Context,
+    Effect,
+    Fields,
+    Forces,
+    Param,
+    Place,
+    Step,
+    joint_unit,
+    register,
+    spec_joint,
+)
+
+SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)
+"""Impedance of dry friction: 1 % of the mobility is left as regularisation."""
+
+
+def stiff_dry_friction(f: Fields, ctx: Context, dof: int, like: Array) -> None:
+    """Let dry friction stop a joint within a timestep (MuJoCo's default takes about ten and creeps)."""
+    xp, one = f.xp, like * 0 + 1.0
+    damping = -0.9 / float(ctx.model.opt.timestep)
+    f.set("dof_solref", dof, xp.stack([-1.0 * one, damping * one], -1))
+    f.set("dof_solimp", dof, xp.stack([s * one for s in SOLIMP], -1))
+
+
+def _torque(ctx: Context, place: Place, name: str, low: float = 0.0) -> Param:
+    t = float(ctx.torque[ctx.dof(place)])
+    return Param(name, joint_unit(ctx, place, "N m", "N"), low, 50 * t, 0.1 * t)
+
+
+def _damping(ctx: Context, place: Place, name: str = "coefficient") -> Param:
+    dof = ctx.dof(place)
+    scale = 0.1 * float(ctx.torque[dof]) / max(float(ctx.speed[dof]), 1e-3)
+    return Param(name, joint_unit(ctx, place, "N m s/rad", "N s/m"), 0.0, 500 * scale, scale)
+
+
+class _Dry(Effect):
+    kinds = ("joint",)
+    fields = ("dof_frictionloss", "dof_solref", "dof_solimp")
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        stiff_dry_friction(f, ctx, ctx.dof(place), theta[..., 0])
+
+    def _export_dry(self, spec: Any, ctx: Context, place: Place, level: float) -> None:
+        joint = spec_joint(spec, place.index)
+        joint.frictionloss = float(joint.frictionloss) + float(level)
+        joint.solref_friction = [-1.0, -0.9 / float(ctx.model.opt.timestep)]
+        joint.solimp_friction = list(SOLIMP)
+
+
+@register
+class ViscousDamping(Effect):
+    id, kinds = "viscous_damping", ("joint",)
+    equation = "-b v"
+    fields = ("dof_damping",)
+    remedy = "move the joint at three speeds over a decade in both directions, then let it coast unpowered"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        return (_damping(ctx, place),)
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        f.add("dof_damping", ctx.dof(place), theta[..., 0])
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        joint = spec_joint(spec, place.index)
+        damping = np.array(joint.damping, dtype=float).reshape(-1)
+        damping[0] += theta[0]
+        joint.damping = damping if damping.size > 1 else float(damping[0])
+        return True
+
+    def sentence(self, place: Place, values: dict[str, Any]) -> str:
+        return f"The {place.name} has viscous damping of {values['coefficient']} that the model lacks."
+
+
+@register
+class CoulombFriction(_Dry):
+    id = "coulomb_friction"
+    equation = "-Fc sgn v"
+    remedy = "reverse the joint slowly many times, and also move it fast"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        return (_torque(ctx, place, "torque"),)
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        super().model(f, ctx, place, theta)
+        f.add("dof_frictionloss", ctx.dof(place), theta[..., 0])
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        self._export_dry(spec, ctx, place, float(theta[0]))
+        return True
+
+    def sentence(self, place: Place, values: dict[str, Any]) -> str:
+        return f"The {place.name} has dry friction of {values['torque']} that the model lacks."
+
+
+@register
+class StribeckFriction(_Dry):
+    id, tier, runtime = "stribeck_friction", 2, True
+    equation = "-(Fc + (Fs - Fc) exp(-(v/vs)^2)) sgn v"
+    remedy = "ramp the joint very slowly through zero speed, several times in each direction"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        v = max(float(ctx.speed[ctx.dof(place)]), 1e-3)
+        unit = joint_unit(ctx, place, "rad/s", "m/s")
+        return (
+            _torque(ctx, place, "coulomb"),
+            _torque(ctx, place, "static"),
+            Param("velocity", unit, 0.005 * v, 3 * v, 0.1 * v, prior=0.15 * v),
+        )
+
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        c, s, v = self.params(ctx, place)
+        return np.array([[0.7 * c.scale, 1.5 * s.scale, k * v.scale] for k in (0.4, 1.2, 4.0)])
+
+    def naming(self, ctx: Context, place: Place) -> list[int]:
+        return [1]
+
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        ratio = s.v[..., ctx.dof(place)] / theta[..., 2]
+        level = theta[..., 0] + (theta[..., 1] - theta[..., 0]) * xp.exp(-xp.minimum(ratio**2, 50.0))
+        return Forces(dry=xp.maximum(level, 0.0)), memory
+
+
+@register
+class LoadDependentFriction(_Dry):
+    id, tier, runtime = "load_dependent_friction", 2, True
+    equation = "-(Fc + Kl |load|) sgn v, load = actuator force times gear"
+    remedy = "make the same motion with two loads, lifting and lowering"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        return (_torque(ctx, place, "coulomb"), Param("load_coefficient", "1", 0.0, 2.0, 0.1))
+
+    def places(self, ctx: Context) -> list[Place]:
+        return [p for p in super().places(ctx) if _drives(ctx, p)]
+
+    def naming(self, ctx: Context, place: Place) -> list[int]:
+        return [1]
+
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        load = sum(s.f[..., a] * g for a, g in _drives(ctx, place))
+        return Forces(dry=theta[..., 0] + theta[..., 1] * xp.abs(load)), memory
+
+
+@register
+class AsymmetricFriction(_Dry):
+    id, tier, runtime = "asymmetric_friction", 2, True
+    equation = "Fc and b each with a value for v > 0 and for v < 0"
+    remedy = "move both ways at several speeds"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        return (
+            _torque(ctx, place, "coulomb_forward"),
+            _torque(ctx, place, "coulomb_backward"),
+            _damping(ctx, place, "viscous_forward"),
+            _damping(ctx, place, "viscous_backward"),
+        )
+
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        s = np.array([p.scale for p in self.params(ctx, place)])
+        return np.array([s * [1.0, 0.5, 0.5, 0.3], s * [0.5, 1.0, 0.3, 0.5]])
+
+    def naming(self, ctx: Context, place: Place) -> list[int]:
+        return [0, 1, 2, 3]
+
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        v = s.v[..., ctx.dof(place)]
+        forward = v > 0
+        dry = xp.where(forward, theta[..., 0], theta[..., 1])
+        viscous = xp.where(forward, theta[..., 2], theta[..., 3])
+        return Forces(dry=dry, joint=-viscous * v), memory
+
+
+@register
+class QuadraticDrag(Effect):
+    id, kinds, tier, runtime = "quadratic_drag", ("joint", "body"), 2, True
+    equation = "-d v |v| (of a body: at its centre of mass)"
+    fields = ("dof_dampingpoly",)
+    remedy = "cover a wide range of speeds"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        if place.kind == "body":
+            # force that the whole machine's weight would give at the tip's speed
+            v = max(float(np.max(ctx.speed)) * min(ctx.length, 1.0), 1e-2)
+            scale = 0.1 * ctx.weight / v**2
+            return (Param("coefficient", "N s^2/m^2", 0.0, 1e3 * scale, scale),)
+        dof = ctx.dof(place)
+        scale = 0.1 * float(ctx.torque[dof]) / max(float(ctx.speed[dof]), 1e-2) ** 2
+        unit = joint_unit(ctx, place, "N m s^2/rad^2", "N s^2/m^2")
+        return (Param("coefficient", unit, 0.0, 1e3 * scale, scale),)
+
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        d = theta[..., 0]
+        if place.kind == "body":
+            v = s.body_velocity(place.index)
+            speed = xp.sqrt((v * v).sum(-1) + 1e-16)
+            return Forces(body=-(d * speed)[..., None] * v), memory
+        v = s.v[..., ctx.dof(place)]
+        return Forces(joint=-d * v * xp.abs(v)), memory
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        if place.kind == "body":
+            return False
+        joint = spec_joint(spec, place.index)
+        damping = np.array(joint.damping, dtype=float).reshape(-1)
+        if damping.size < 2:
+            return False
+        damping[1] += theta[0]
+        joint.damping = damping
+        return True
+
+    def sentence(self, place: Place, values: dict[str, Any]) -> str:
+        return f"{place.name} is slowed by a drag of {values['coefficient']} times the square of its speed."
+
+
+def _drives(ctx: Context, place: Place) -> list[tuple[int, float]]:
+    """(actuator, gear) of the actuators on a joint."""
+    from mpge_jax.diagnosis.model import actuators_of_joint
+
+    return [(a, float(ctx.model.actuator_gear[a, 0])) for a in actuators_of_joint(ctx.model, place.index)]
+
+

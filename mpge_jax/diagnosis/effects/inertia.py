@@ -1,0 +1,216 @@
+"""Masses and their places."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import (
+    Array,
+    Context,
+    Effect,
+    Fields,
+    Param,
+    Place,
+    register,
+    spec_body,
+)
+
+
+def rotation_of(quat: Array, xp: Any) -> Array:
+    """Rotation matrices [..., 3, 3] of unit quaternions [..., 4] (w, x, y, z)."""
+    w, x, y, z = (quat[..., i] for i in range(4))
+    rows = [
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ]  # fmt: skip
+    return xp.stack(rows, -1).reshape(*quat.shape[:-1], 3, 3)
+
+
+def quaternion_of(r: Array, xp: Any) -> Array:
+    """Unit quaternions [..., 4] of rotation matrices: the leading eigenvector of Bar-Itzhack's matrix."""
+    t = r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2]
+    a, b, c = (
+        r[..., 2, 1] - r[..., 1, 2],
+        r[..., 0, 2] - r[..., 2, 0],
+        r[..., 1, 0] - r[..., 0, 1],
+    )
+    s01, s02, s12 = r[..., 0, 1] + r[..., 1, 0], r[..., 0, 2] + r[..., 2, 0], r[..., 1, 2] + r[..., 2, 1]
+    rows = [
+        t, a, b, c,
+        a, 2 * r[..., 0, 0] - t, s01, s02,
+        b, s01, 2 * r[..., 1, 1] - t, s12,
+        c, s02, s12, 2 * r[..., 2, 2] - t,
+    ]  # fmt: skip
+    k = xp.stack(rows, -1).reshape(*r.shape[:-2], 4, 4)
+    return xp.linalg.eigh(k)[1][..., -1]
+
+
+def add_point_mass(
+    xp: Any, mass: Array, ipos: Array, inertia: Array, iquat: Array, extra: Array, point: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Rigid body [...] plus a point mass: (mass, ipos [..., 3], diagonal inertia [..., 3], iquat [..., 4])."""
+    total = mass + extra
+    centre = (mass[..., None] * ipos + extra[..., None] * point) / total[..., None]
+
+    def shifted(m: Array, d: Array) -> Array:
+        square = (d * d).sum(-1)[..., None, None] * np.eye(3)
+        return m[..., None, None] * (square - d[..., :, None] * d[..., None, :])
+
+    r = rotation_of(iquat, xp)
+    full = (r * inertia[..., None, :]) @ xp.swapaxes(r, -1, -2)
+    full = full + shifted(mass, ipos - centre) + shifted(extra, point - centre)
+    values, vectors = xp.linalg.eigh(full)
+    flip = xp.where(xp.linalg.det(vectors) < 0, -1.0, 1.0)[..., None, None]
+    return total, centre, values, quaternion_of(vectors * flip, xp)
+
+
+class _Inertial(Effect):
+    set_const = True
+
+    def _shape(self, ctx: Context, place: Place) -> tuple[np.ndarray, float]:
+        """Centre of mass in the body's frame and a size (m) of the body."""
+        m, b = ctx.model, place.index
+        children = [c for c in range(b + 1, m.nbody) if m.body_parentid[c] == b]
+        reach = [float(np.linalg.norm(m.body_pos[c])) for c in children]
+        reach.append(2 * float(np.linalg.norm(m.body_ipos[b])))
+        geoms = range(m.body_geomadr[b], m.body_geomadr[b] + m.body_geomnum[b]) if m.body_geomnum[b] else ()
+        reach += [float(m.geom_rbound[g]) for g in geoms]
+        return np.array(m.body_ipos[b]), max(*reach, 0.1 * ctx.length, 0.01)
+
+
+@register
+class PayloadMass(_Inertial):
+    id, kinds = "payload_mass", ("body",)
+    equation = "a point mass at a position in the body's frame"
+    fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
+    remedy = "hold still in several poses, then move fast in two of them"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        _, size = self._shape(ctx, place)
+        scale = 0.1 * max(float(ctx.model.body_mass[place.index]), 0.02 * ctx.mass)
+        position = tuple(
+            Param(f"position_{axis}", "m", -20 * size, 20 * size, 0.05 * size, prior=size) for axis in "xyz"
+        )
+        return (Param("mass", "kg", 0.0, 500 * scale, scale, prior=300 * scale), *position)
+
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        centre, _ = self._shape(ctx, place)
+        scale = self.params(ctx, place)[0].scale
+        reach = 2 * centre if np.linalg.norm(centre) > 1e-6 else centre
+        return np.array([[scale, *centre], [scale, *reach]])
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        b = (place.index,)
+        old = [f.get(name, b) for name in self.fields]
+        new = add_point_mass(f.xp, *old, theta[..., 0], theta[..., 1:4])
+        for name, value in zip(self.fields, new, strict=True):
+            f.set(name, b, value)
+
+    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
+        return {"mass": theta[..., 0], "position": theta[..., 1:4]}
+
+    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
+        return np.array([values["mass"], *values["position"]], dtype=float)
+
+    def units(self, ctx: Context, place: Place) -> dict[str, str]:
+        return {"mass": "kg", "position": "m"}
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        m, b = ctx.model, place.index
+        old = (m.body_mass[b], m.body_ipos[b], m.body_inertia[b], m.body_iquat[b])
+        new = add_point_mass(np, *(np.asarray(x) for x in old), np.asarray(theta[0]), theta[1:4])
+        set_inertial(spec, b, *new)
+        return True
+
+    def sentence(self, place: Place, values: dict[str, Any]) -> str:
+        return f"{place.name} carries {values['mass']} more than the model says, at {values['position']}."
+
+
+def set_inertial(
+    spec: Any, index: int, mass: Array, ipos: Array, inertia: Array, iquat: Array
+) -> None:
+    """Write explicit inertial properties of a body; its geoms keep their shapes and lose their masses' say."""
+    body = spec_body(spec, index)
+    body.explicitinertial = True
+    body.mass = float(mass)
+    body.ipos = np.asarray(ipos, dtype=float)
+    body.iquat = np.asarray(iquat, dtype=float)
+    body.inertia = np.asarray(inertia, dtype=float)
+    body.fullinertia = np.full(6, np.nan)
+
+
+@register
+class MassScale(_Inertial):
+    id, kinds = "mass_scale", ("world",)
+    equation = "every mass and inertia times one factor"
+    fields = ("body_mass", "body_inertia")
+    remedy = "passive motion and motion under known forces"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        return (Param("factor", "1", 0.05, 20.0, 0.05),)
+
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        return np.array([[1.1]])
+
+    def null(self, ctx: Context, place: Place) -> np.ndarray:
+        return np.ones(1)
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        f.scale("body_mass", (slice(None),), theta[..., 0, None])
+        f.scale("body_inertia", (slice(None),), theta[..., 0, None, None])
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        m = ctx.model
+        for b in range(1, m.nbody):
+            if m.body_mass[b] > 0:
+                set_inertial(
+                    spec, b, m.body_mass[b] * theta[0], m.body_ipos[b], m.body_inertia[b] * theta[0],
+                    m.body_iquat[b],
+                )  # fmt: skip
+        return True
+
+    def sentence(self, place: Place, values: dict[str, Any]) -> str:
+        return f"The whole machine has {values['factor']} times the mass that the model says."
+
+
+@register
+class ComOffset(_Inertial):
+    id, kinds, tier = "com_offset", ("body",), 1
+    equation = "centre of mass moved"
+    fields = ("body_ipos",)
+    remedy = "hold still in poses over the full range"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        _, size = self._shape(ctx, place)
+        return tuple(
+            Param(f"offset_{axis}", "m", -5 * size, 5 * size, 0.03 * size, prior=0.5 * size) for axis in "xyz"
+        )
+
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        return np.zeros((1, 3))
+
+    def naming(self, ctx: Context, place: Place) -> list[int]:
+        return [0, 1, 2]
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        f.add("body_ipos", (place.index,), theta)
+
+    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
+        return {"offset": theta}
+
+    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
+        return np.array(values["offset"], dtype=float)
+
+    def units(self, ctx: Context, place: Place) -> dict[str, str]:
+        return {"offset": "m"}
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        m, b = ctx.model, place.index
+        set_inertial(spec, b, m.body_mass[b], m.body_ipos[b] + theta, m.body_inertia[b], m.body_iquat[b])
+        return True
+
+    def sentence(self, place: Place, values: dict[str, Any]) -> str:
+        return f"The centre of mass of {place.name} lies {values['offset']} away from where the model has it."

@@ -1,0 +1,208 @@
+"""Fit hypotheses to windows: Levenberg-Marquardt with all hypotheses and parameters in one batch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import Context, Param
+from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.simulate import Run, Simulator
+from mpge_jax.diagnosis.whiten import Whitener, robust_loss
+from mpge_jax.diagnosis.windows import Windows
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A hypothesis with its parameters.
+
+    Attributes:
+        theta: [p]. centre: [p] centre of the weak prior. loss: mean robust loss over windows, prior included.
+        information: [p, p] of the data. cov: [p, p] covariance of theta that allows for misfit.
+        x: [W] relative chi^2 of each window.
+    """
+
+    hypothesis: Hypothesis
+    theta: Array
+    centre: Array
+    loss: float = np.inf
+    information: Array | None = None
+    cov: Array | None = None
+    x: Array | None = None
+
+    def directions(self, ctx: Context) -> int:
+        """Number of parameter combinations that the data identify better than their prior does."""
+        if self.information is None or not self.theta.size:
+            return 0
+        scale = prior_widths(self.hypothesis.params(ctx))
+        values = np.linalg.eigvalsh(self.information * scale[:, None] * scale[None, :])
+        return int((values > 16.0).sum())
+
+
+def prior_widths(params: list[Param]) -> Array:
+    return np.array([p.prior or 30.0 * p.scale for p in params])
+
+
+def _bounds(params: list[Param]) -> tuple[Array, Array]:
+    return np.array([p.low for p in params]), np.array([p.high for p in params])
+
+
+@dataclass
+class _Problem:
+    """One hypothesis during the fit."""
+
+    fit: Fitted
+    params: list[Param]
+    damping: float = 1e-3
+    whitened: Array | None = None
+    jacobian: Array | None = None
+    done: bool = False
+    small: int = 0
+
+    def steps(self) -> Array:
+        """Finite-difference steps [p] that stay inside the bounds."""
+        low, high = _bounds(self.params)
+        scale = np.array([p.scale for p in self.params])
+        theta = self.fit.theta
+        h = 0.02 * scale + 1e-4 * np.abs(theta)
+        return np.where(theta + h > high, -h, h)
+
+
+def prior_loss(params: list[Param], theta: Array, centre: Array, windows: int) -> float:
+    if not params:
+        return 0.0
+    return float((((theta - centre) / prior_widths(params)) ** 2).sum()) / max(windows, 1)
+
+
+def evaluate(sim: Simulator, fits: list[Fitted], w: Windows, white: Whitener) -> list[Fitted]:
+    """Losses and relative chi^2 of fits on windows."""
+    res = sim.residuals([Run(f.hypothesis, f.theta) for f in fits], w)
+    out = []
+    for f, r in zip(fits, res, strict=True):
+        x = white.excess(white(r))
+        out.append(replace(f, x=x, loss=float(robust_loss(x).mean())))
+    return out
+
+
+def fit(
+    sim: Simulator, starts: list[Fitted], w: Windows, white: Whitener, iterations: int = 8, tolerance: float = 1e-3
+) -> list[Fitted]:
+    """Fit every start; returns them in order, with losses, information and covariances on `w`."""
+    ctx = sim.ctx
+    problems = [_Problem(f, f.hypothesis.params(ctx)) for f in starts]
+    _linearise(sim, problems, w, white)
+    for _ in range(iterations):
+        active = [p for p in problems if not p.done and p.params]
+        if not active:
+            break
+        trials: list[tuple[_Problem, Array]] = []
+        for p in active:
+            trials += [(p, t) for t in _proposals(p, w)]
+        res = sim.residuals([Run(p.fit.hypothesis, t) for p, t in trials], w)
+        improved = []
+        for p in active:
+            best = p.fit
+            old = p.fit.loss
+            for (owner, t), r in zip(trials, res, strict=True):
+                if owner is not p:
+                    continue
+                x = white.excess(white(r))
+                loss = float(robust_loss(x).mean()) + prior_loss(p.params, t, p.fit.centre, w.count)
+                if loss < best.loss:
+                    best = replace(p.fit, theta=t, loss=loss, x=x)
+            if best is p.fit:
+                p.damping *= 30
+                p.small += 1
+                p.done = p.small > 2
+                continue
+            p.fit = best
+            p.damping = max(p.damping * 0.2, 1e-6)
+            p.small = p.small + 1 if old - best.loss < tolerance * max(best.loss, 0.1) else 0
+            p.done = p.small > 1
+            improved.append(p)
+        _linearise(sim, improved, w, white)
+    return [_finish(p) for p in problems]
+
+
+def _proposals(p: _Problem, w: Windows) -> list[Array]:
+    """A full and a strongly damped step, inside the bounds."""
+    low, high = _bounds(p.params)
+    widths = prior_widths(p.params)
+    weight = 1.0 / (1.0 + p.fit.x / 5.0)
+    j, r = p.jacobian, p.whitened
+    h = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)
+    g = np.einsum("w,pwm,wm->p", weight, j, r, optimize=True)
+    # the loss divides by the number of compared values, so its prior counts that often
+    per = float(np.mean((j.shape[-1],)))
+    h = h + np.diag(per / widths**2)
+    g = g + per * (p.fit.theta - p.fit.centre) / widths**2
+    out = []
+    diagonal = np.diag(h).copy()
+    diagonal[diagonal <= 0] = 1e-30
+    for damping in (p.damping, 100 * p.damping + 0.3):
+        free = np.ones(len(p.params), bool)
+        theta = p.fit.theta
+        for _ in range(3):
+            index = np.flatnonzero(free)
+            if not index.size:
+                break
+            a = h[np.ix_(index, index)] + damping * np.diag(diagonal[index])
+            scale = 1.0 / np.sqrt(np.diag(a))
+            solution = np.linalg.lstsq(a * scale[:, None] * scale[None, :], g[index] * scale, rcond=1e-12)[0] * scale
+            trial = p.fit.theta.copy()
+            trial[index] -= solution
+            clipped = np.clip(trial, low, high)
+            blocked = (clipped != trial) & ((p.fit.theta == low) | (p.fit.theta == high)) & free
+            theta = clipped
+            if not blocked.any():
+                break
+            free &= ~blocked
+        if np.isfinite(theta).all():
+            out.append(theta)
+    return out
+
+
+def _linearise(sim: Simulator, problems: list[_Problem], w: Windows, white: Whitener) -> None:
+    """Residuals and Jacobians [p, W, M] at the present parameters, all in one batch."""
+    runs, layout = [], []
+    for p in problems:
+        steps = p.steps()
+        layout.append((len(runs), steps))
+        runs.append(Run(p.fit.hypothesis, p.fit.theta))
+        for i, h in enumerate(steps):
+            theta = p.fit.theta.copy()
+            theta[i] += h
+            runs.append(Run(p.fit.hypothesis, theta))
+    if not runs:
+        return
+    res = sim.residuals(runs, w)
+    for p, (first, steps) in zip(problems, layout, strict=True):
+        p.whitened = white(res[first])
+        moved = white(res[first + 1 : first + 1 + steps.size])
+        p.jacobian = (moved - p.whitened) / steps[:, None, None]
+        x = white.excess(p.whitened)
+        loss = float(robust_loss(x).mean()) + prior_loss(p.params, p.fit.theta, p.fit.centre, w.count)
+        p.fit = replace(p.fit, x=x, loss=loss)
+
+
+def _finish(p: _Problem) -> Fitted:
+    """Information, and a covariance that is robust to misfit (clustered by window)."""
+    if not p.params or p.jacobian is None:
+        return replace(p.fit, information=np.zeros((0, 0)), cov=np.zeros((0, 0)))
+    j, r = p.jacobian, p.whitened
+    weight = 1.0 / (1.0 + p.fit.x / 5.0)
+    info = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)
+    precision = info + np.diag(1.0 / prior_widths(p.params) ** 2)
+    scale = 1.0 / np.sqrt(np.diag(precision))
+    inverse = np.linalg.pinv(precision * scale[:, None] * scale[None, :], hermitian=True)
+    inverse = inverse * scale[:, None] * scale[None, :]
+    scores = np.einsum("w,pwm,wm->wp", weight, j, r, optimize=True)
+    n = len(scores)
+    sandwich = inverse @ (scores.T @ scores) @ inverse * n / max(n - len(p.params), 1)
+    plain = inverse * max(1.0, float(np.mean(weight * p.fit.x) / np.mean(weight)))
+    # the larger of the two, direction by direction on the diagonal
+    ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(plain), 1e-300), 1.0))
+    return replace(p.fit, information=info, cov=plain * ratio[:, None] * ratio[None, :])

@@ -1,0 +1,68 @@
+"""A hypothesis: which effects act where, with one flat parameter vector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Effect, Param, Place
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect at one place."""
+
+    id: str
+    place: Place
+
+    @property
+    def effect(self) -> Effect:
+        return REGISTRY[self.id]
+
+    def params(self, ctx: Context) -> tuple[Param, ...]:
+        return self.effect.params(ctx, self.place)
+
+    def __str__(self) -> str:
+        return f"{self.id}@{self.place.name}"
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Terms, kept in one order so that equal sets are equal."""
+
+    terms: tuple[Term, ...] = ()
+
+    @staticmethod
+    def of(*terms: Term) -> Hypothesis:
+        return Hypothesis(tuple(sorted(terms, key=lambda t: (t.effect.order, t.id, t.place.kind, t.place.index))))
+
+    def params(self, ctx: Context) -> list[Param]:
+        return [p for t in self.terms for p in t.params(ctx)]
+
+    def slices(self, ctx: Context) -> list[slice]:
+        out, start = [], 0
+        for t in self.terms:
+            n = len(t.params(ctx))
+            out.append(slice(start, start + n))
+            start += n
+        return out
+
+    def with_term(self, term: Term) -> Hypothesis:
+        return Hypothesis.of(*self.terms, term)
+
+    def without(self, term: Term) -> Hypothesis:
+        return Hypothesis.of(*(t for t in self.terms if t != term))
+
+    def gather(self, ctx: Context, parts: dict[Term, Array]) -> Array:
+        """Flat parameters from each term's own."""
+        rows = [np.asarray(parts[t], dtype=float).reshape(-1) for t in self.terms]
+        return np.concatenate(rows) if rows else np.zeros(0)
+
+    def split(self, ctx: Context, theta: Array) -> dict[Term, Array]:
+        return {t: theta[s] for t, s in zip(self.terms, self.slices(ctx), strict=True)}
+
+    def __str__(self) -> str:
+        return " + ".join(map(str, self.terms)) or "nominal"

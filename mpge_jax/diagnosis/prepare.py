@@ -1,0 +1,156 @@
+"""From a model and recordings to windows: everything before the search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.context import build_context
+from mpge_jax.diagnosis.effects.base import Context
+from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.model import Names, compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.recording import Recording
+from mpge_jax.diagnosis.simulate import Simulator
+from mpge_jax.diagnosis.split import split
+from mpge_jax.diagnosis.states import MAX_ROWS, Noise, estimate
+from mpge_jax.diagnosis.windows import Source, Windows, choose_dt, cut
+
+
+@dataclass
+class Prepared:
+    """Inputs of the search.
+
+    Attributes:
+        spec: the nominal description. model: its compiled form (mechanical side: driven by measured forces
+        where these exist). measured: [nu] whether an actuator's force was measured and commanded.
+    """
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    names: Names
+    ctx: Context
+    sim: Simulator
+    noise: Noise
+    train_sources: tuple[Source, ...]
+    held_sources: tuple[Source, ...]
+    dt: float
+    measured: np.ndarray
+    warnings: list[str]
+    config: Config
+    timestep: float
+
+    def windows(self, held: bool, duration: float, limit: int, seed: int = 0) -> Windows:
+        sources = self.held_sources if held else self.train_sources
+        longest = max(_longest(s.recording) for s in sources)
+        rng = np.random.default_rng([self.config.seed, int(held), seed])
+        return cut(sources, self.model, self.noise, min(duration, longest), limit, self.dt, rng)
+
+
+def _longest(r: Recording) -> float:
+    return float(r.time[-1] - r.time[0])
+
+
+def measured_forces(recordings: list[Recording], model: mujoco.MjModel) -> np.ndarray:
+    """[nu] whether each actuator's force was measured in every recording."""
+    if not recordings or any(r.force is None for r in recordings):
+        return np.zeros(model.nu, bool)
+    return np.all([np.isfinite(r.force).mean(0) > 0.5 for r in recordings], axis=0)
+
+
+def drive_by_force(spec: mujoco.MjSpec, measured: np.ndarray) -> mujoco.MjSpec:
+    """A copy in which actuators with measured forces pass on their command as force."""
+    spec = spec.copy()
+    for actuator in spec.actuators:
+        if not measured[actuator.id]:
+            continue
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        actuator.biastype = mujoco.mjtBias.mjBIAS_NONE
+        actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE
+        actuator.gainprm = [1.0, *([0.0] * (len(actuator.gainprm) - 1))]
+        actuator.biasprm = [0.0] * len(actuator.biasprm)
+        actuator.ctrllimited = actuator.forcelimited = 0
+    return spec
+
+
+def _command(r: Recording, measured: np.ndarray) -> np.ndarray:
+    rows, nu = r.time.size, measured.size
+    command = np.zeros((rows, nu)) if r.ctrl is None else r.ctrl.astype(float).copy()
+    for a in np.flatnonzero(measured):
+        force = r.force[:, a]
+        good = np.isfinite(force)
+        command[:, a] = np.interp(r.time, r.time[good], force[good])
+    return command
+
+
+def _thin(recordings: list[Recording], warnings: list[str]) -> list[Recording]:
+    """Cut very long logs to evenly spread stretches."""
+    total = sum(r.time.size for r in recordings)
+    if total <= MAX_ROWS:
+        return recordings
+    warnings.append(f"{total} rows are more than needed; evenly spread stretches of {MAX_ROWS} rows are used.")
+    out = []
+    for r in recordings:
+        budget = max(int(MAX_ROWS * r.time.size / total), 50)
+        pieces = max(1, budget // 2000)
+        size = budget // pieces
+        starts = np.linspace(0, max(r.time.size - size, 0), pieces).astype(int)
+        for k, a in enumerate(starts):
+            rows = slice(int(a), int(a) + size)
+            arrays = {key: getattr(r, key) for key in ("time", "qpos", "qvel", "ctrl", "force")}
+            cut_arrays = {key: None if v is None else v[rows] for key, v in arrays.items()}
+            out.append(replace(r, name=r.name if pieces == 1 else f"{r.name}_{k}", **cut_arrays))
+    return out
+
+
+def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
+    """Split, estimate noise and states, and set the scales.
+
+    Args:
+        source: path or MjSpec of the nominal model. recordings: already validated.
+    """
+    if not recordings:
+        raise InputError("no recording was given.")
+    spec = load_spec(source)
+    plain = compile_variable(spec)
+    names = names_of(plain)
+    warnings = [w for r in recordings for w in r.warnings]
+    rng = np.random.default_rng(config.seed)
+    train, held, notes = split(recordings, config.held_out, rng)
+    warnings += notes
+    measured = measured_forces(recordings, plain)
+    model = compile_variable(drive_by_force(spec, measured)) if measured.any() else plain
+    train, held = _thin(train, warnings), _thin(held, warnings)
+    together = train + held
+    noise, states, notes = estimate(together, model, names)
+    warnings += notes
+    sources = tuple(
+        Source.build(r, s, _command(r, measured)) for r, s in zip(together, states, strict=True)
+    )
+    train_sources, held_sources = sources[: len(train)], sources[len(train) :]
+    ctx = build_context(model, names, train_sources)
+    dt = choose_dt(together, float(plain.opt.timestep))
+    sim = Simulator(model, ctx, threads=config.jobs)
+    _check_motion(together, model, names, warnings)
+    return Prepared(
+        spec, sim.model, names, sim.ctx, sim, noise, train_sources, held_sources, dt, measured, warnings, config,
+        float(plain.opt.timestep),
+    )  # fmt: skip
+
+
+def _check_motion(
+    recordings: list[Recording], model: mujoco.MjModel, names: Names, warnings: list[str]
+) -> None:
+    span = np.zeros(model.nq)
+    for r in recordings:
+        span = np.maximum(span, np.nan_to_num(np.ptp(r.qpos, axis=0)))
+    if np.all(span == 0):
+        warnings.append(
+            "the robot never moved: friction, damping, inertia, drag, delay and lag cannot be seen; only constant "
+            "forces against the held pose can."
+        )
+    for j in range(model.njnt):
+        if np.isnan(recordings[0].qpos[:, model.jnt_qposadr[j]]).all():
+            warnings.append(f"the position of joint {names.joints[j]} was never measured.")

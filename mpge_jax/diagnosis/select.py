@@ -1,0 +1,296 @@
+"""Choose the effects: screening, proper fits, held-out comparison with parsimony, additions, exchanges, removals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.candidates import compatible
+from mpge_jax.diagnosis.fit import Fitted, evaluate, fit
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.screen import screen
+from mpge_jax.diagnosis.simulate import Simulator
+from mpge_jax.diagnosis.states import Noise
+from mpge_jax.diagnosis.whiten import Whitener, numerics, robust_loss, whitener
+from mpge_jax.diagnosis.windows import Windows
+
+Array = np.ndarray
+KEEP = 8
+"""Candidates that are fitted properly after screening."""
+SCREEN_WINDOWS = 14
+HOPELESS = 0.06
+"""Share of the loss that a second effect must take away in screening to be looked at further."""
+FAR = 2.5
+"""Loss above which the second effect is looked for beside several first ones."""
+TIE = 0.03
+"""Differences of relative loss below this are ties, whatever their standard error."""
+SIGNIFICANT = 3.0
+"""Standard errors by which an effect must improve windows that it was not fitted to."""
+NAMED = 4.0
+"""Deviations by which a naming parameter must differ from its null value."""
+
+
+@dataclass
+class Scored:
+    """A fit with its loss on every window, training windows first."""
+
+    fit: Fitted
+    train: Array
+    held: Array
+    directions: int
+    tier: int
+
+    @property
+    def losses(self) -> Array:
+        return np.concatenate([self.train, self.held])
+
+    @property
+    def complexity(self) -> tuple[float, ...]:
+        return (self.directions + 0.75 * self.tier, self.fit.theta.size)
+
+
+@dataclass
+class Rival:
+    """An alternative to one term: the losses tell by how much it is worse."""
+
+    term: Term
+    fit: Fitted
+    margin: float
+    error: float
+    why_not: str
+    tied: bool = False
+
+
+@dataclass
+class Search:
+    """Everything that the selection needs.
+
+    Attributes:
+        train, held: windows. terms: candidates. say: progress callback.
+    """
+
+    sim: Simulator
+    noise: Noise
+    train: Windows
+    held: Windows
+    terms: list[Term]
+    rng: np.random.Generator
+    say: Callable[[str], None] = lambda _text: None
+    max_terms: int = 6
+    whites: tuple[Whitener, Whitener] | None = None
+    log: list[str] = field(default_factory=list)
+
+    def nominal(self) -> Fitted:
+        return Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
+
+    def whiten(self, around: Fitted) -> tuple[Whitener, Whitener]:
+        """Whiteners of training and held-out windows around a fit."""
+        out = []
+        for w in (self.train, self.held):
+            nuisance = [numerics(self.sim, around.hypothesis, around.theta, w)]
+            out.append(whitener(self.sim, around.hypothesis, around.theta, w, self.noise, nuisance))
+        return out[0], out[1]
+
+    def score(self, fits: list[Fitted], whites: tuple[Whitener, Whitener]) -> list[Scored]:
+        train = evaluate(self.sim, fits, self.train, whites[0])
+        held = evaluate(self.sim, fits, self.held, whites[1])
+        out = []
+        for f, a, b in zip(fits, train, held, strict=True):
+            tier = sum(t.effect.tier for t in f.hypothesis.terms)
+            out.append(Scored(f, robust_loss(a.x), robust_loss(b.x), f.directions(self.sim.ctx), tier))
+        return out
+
+    def screened(self, base: Fitted, white: Whitener, terms: list[Term]) -> tuple[list[Fitted], float]:
+        """Quick fits on a sample of the training windows, and the base's loss there."""
+        count = self.train.count
+        index = np.sort(self.rng.permutation(count)[: min(SCREEN_WINDOWS, count)])
+        w, white = self.train.take(index), white.take(index)
+        return screen(self.sim, base, terms, w, white), evaluate(self.sim, [base], w, white)[0].loss
+
+    def compete(self, base: Fitted, terms: list[Term], keep: int = KEEP) -> tuple[list[Scored], Scored]:
+        """Fit the most promising `terms` on top of `base`, each judged under the winner's own whitening.
+
+        Returns the scored candidates, best first by plain loss, and the base scored in the same way.
+        """
+        whites = self.whiten(base)
+        screened, before = self.screened(base, whites[0], [t for t in terms if compatible(base.hypothesis, t)])
+        if base.hypothesis.terms and (not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)):
+            self.whites = whites
+            return [], self.score([base], whites)[0]
+        fits = fit(self.sim, _with_simpler(screened, keep), self.train, whites[0], iterations=5)
+        fits.sort(key=lambda f: f.loss)
+        winner = None
+        for _ in range(2):
+            if not fits or fits[0].hypothesis == winner:
+                break
+            winner = fits[0].hypothesis
+            whites = self.whiten(fits[0])
+            fits = fit(self.sim, fits[: keep - 2], self.train, whites[0], iterations=4)
+            fits.sort(key=lambda f: f.loss)
+        self.whites = whites
+        scored = self.score([*fits, base], whites)
+        ranked = sorted(scored[:-1], key=lambda s: s.losses.mean())
+        return ranked, scored[-1]
+
+    def choose(self, ranked: list[Scored]) -> Scored:
+        """The simplest candidate within two standard errors of the best."""
+        best = ranked[0]
+        tied = [s for s in ranked if not clearly_worse(s, best)]
+        return min(tied, key=lambda s: (*s.complexity, s.losses.mean()))
+
+    def accept(self, new: Scored, old: Scored) -> bool:
+        """Whether the new terms improve held-out windows beyond doubt, and their parameters differ from null."""
+        gain = old.held - new.held
+        se = standard_error(gain)
+        total = old.losses - new.losses
+        enough = gain.mean() > SIGNIFICANT * se and total.mean() > SIGNIFICANT * standard_error(total)
+        relevant = total.mean() > 0.05 * min(1.0, old.losses.mean())
+        return bool(enough and relevant and self.named(new.fit, old.fit.hypothesis))
+
+    def named(self, f: Fitted, without: Hypothesis = Hypothesis()) -> bool:  # noqa: B008
+        """Whether every added term has a naming parameter that differs clearly from its null value."""
+        ctx = self.sim.ctx
+        for term, part in zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True):
+            if term in without.terms:
+                continue
+            naming = term.effect.naming(ctx, term.place)
+            if not naming or f.cov is None:
+                continue
+            null = term.effect.null(ctx, term.place)
+            cov = f.cov[part, part]
+            delta = f.theta[part] - null
+            z = np.abs(delta[naming]) / np.sqrt(np.maximum(np.diag(cov)[naming], 1e-300))
+            if z.max() < NAMED:
+                return False
+        return True
+
+
+def _with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
+    """The best `keep`, and the plain form of every elaborate friction among them."""
+    top = screened[:keep]
+    chosen = {f.hypothesis for f in top}
+    elaborate = ("stribeck_friction", "load_dependent_friction", "asymmetric_friction")
+    plain = ("coulomb_friction", "viscous_damping")
+    places = {t.place for f in top for t in f.hypothesis.terms if t.id in elaborate}
+    for f in screened[keep:]:
+        if f.hypothesis not in chosen and any(t.id in plain and t.place in places for t in f.hypothesis.terms):
+            top.append(f)
+    return top
+
+
+def standard_error(difference: Array) -> float:
+    n = difference.size
+    return float(difference.std(ddof=1) / np.sqrt(n)) if n > 1 else float("inf")
+
+
+def clearly_worse(a: Scored, best: Scored) -> bool:
+    """Whether `a` loses to the best by more than two standard errors (paired by window) and more than a tie."""
+    d = a.losses - best.losses
+    return bool(d.mean() > max(2.0 * standard_error(d), TIE))
+
+
+def search(s: Search) -> tuple[Fitted, list[Scored]]:
+    """Forward selection with a small beam in the first two rounds; returns the fit and the last round's field."""
+    current = s.nominal()
+    last: list[Scored] = []
+    first_round: list[Scored] = []
+    while len(current.hypothesis.terms) < s.max_terms:
+        depth = len(current.hypothesis.terms)
+        s.say(f"looking for effect {depth + 1}")
+        ranked, base = s.compete(current, s.terms)
+        if not ranked:
+            break
+        chosen = s.choose(ranked)
+        s.log.append(
+            f"round {depth + 1}: base {base.losses.mean():.3f}; "
+            + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:6])
+            + f" -> {chosen.fit.hypothesis}"
+        )
+        if not s.accept(chosen, base):
+            if not last:
+                last = ranked
+            break
+        last = ranked
+        if depth == 0:
+            first_round = ranked
+            alternatives = _beam(ranked, chosen)
+            if chosen.losses.mean() > FAR and len(alternatives) > 1:
+                current, last = _second_round(s, chosen, alternatives)
+                continue
+        current = chosen.fit
+    return prune(s, current), last or first_round
+
+
+def _beam(ranked: list[Scored], chosen: Scored, width: int = 3) -> list[Scored]:
+    out = [chosen]
+    for r in ranked:
+        if r.fit.hypothesis != chosen.fit.hypothesis and len(out) < width:
+            out.append(r)
+    return out
+
+
+def _second_round(s: Search, chosen: Scored, beam: list[Scored]) -> tuple[Fitted, list[Scored]]:
+    """Second effects on top of each of the best first ones; the best pair if a pair is needed, else the first."""
+    pairs: dict[Hypothesis, Fitted] = {}
+    for b in beam:
+        s.say(f"looking for effect 2 beside {b.fit.hypothesis}")
+        ranked, base = s.compete(b.fit, s.terms, keep=6)
+        for r in ranked[:4]:
+            old = pairs.get(r.fit.hypothesis)
+            if old is None or r.fit.loss < old.loss:
+                pairs[r.fit.hypothesis] = r.fit
+    if not pairs:
+        return chosen.fit, [chosen]
+    fits = sorted(pairs.values(), key=lambda f: f.loss)[:8]
+    # under one whitening, so that pairs can be compared
+    whites = s.whiten(fits[0])
+    fits = fit(s.sim, fits, s.train, whites[0], iterations=4)
+    best = min(fits, key=lambda f: f.loss)
+    whites = s.whiten(best)
+    fits = fit(s.sim, fits, s.train, whites[0], iterations=3)
+    s.whites = whites
+    scored = s.score([*fits, chosen.fit], whites)
+    ranked = sorted(scored[:-1], key=lambda r: r.losses.mean())
+    winner = s.choose(ranked)
+    s.log.append(
+        f"pairs: single {scored[-1].losses.mean():.3f}; "
+        + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:5])
+        + f" -> {winner.fit.hypothesis}"
+    )
+    if not s.accept(winner, scored[-1]):
+        return chosen.fit, [chosen]
+    return winner.fit, ranked
+
+
+def prune(s: Search, current: Fitted) -> Fitted:
+    """Remove, one at a time, effects without which held-out windows are predicted as well."""
+    while len(current.hypothesis.terms) > 1:
+        whites = s.whiten(current)
+        current = fit(s.sim, [current], s.train, whites[0], iterations=3)[0]
+        smaller = []
+        parts = current.hypothesis.split(s.sim.ctx, current.theta)
+        centres = current.hypothesis.split(s.sim.ctx, current.centre)
+        for t in current.hypothesis.terms:
+            h = current.hypothesis.without(t)
+            smaller.append(Fitted(h, h.gather(s.sim.ctx, parts), h.gather(s.sim.ctx, centres)))
+        smaller = fit(s.sim, smaller, s.train, whites[0], iterations=4)
+        scored = s.score([*smaller, current], whites)
+        weakest = min(scored[:-1], key=lambda r: r.losses.mean())
+        if s.accept(scored[-1], weakest):
+            return current
+        s.log.append(f"removed: {current.hypothesis} -> {weakest.fit.hypothesis}")
+        current = weakest.fit
+    return current
+
+
+def final_fit(s: Search, current: Fitted) -> tuple[Fitted, tuple[Whitener, Whitener]]:
+    """Refit under the hypothesis's own whitening until it stands still."""
+    for _ in range(2):
+        whites = s.whiten(current)
+        if not current.theta.size:
+            break
+        current = fit(s.sim, [current], s.train, whites[0], iterations=6, tolerance=1e-5)[0]
+    whites = s.whiten(current)
+    return replace(current), whites

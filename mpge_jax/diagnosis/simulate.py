@@ -1,0 +1,390 @@
+"""Simulate windows under many hypotheses at once: windows x parameter vectors x start states in one batch."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from mpge_jax.diagnosis.effects.base import Context, Fields, Step
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.model import is_joint_transmission, is_scalar
+from mpge_jax.diagnosis.rotations import difference, integrate
+from mpge_jax.diagnosis.windows import Windows, hermite
+
+Array = np.ndarray
+CHUNK = 3000
+"""Simulations stepped together; more do not fit the caches."""
+_DIVERGED = 1e5
+
+
+@dataclass
+class Run:
+    """One simulation of all windows.
+
+    Attributes:
+        theta: flat parameters of the hypothesis.
+        shift: [W, 2 nv] change of the start state in (position, velocity), or None.
+        push: (dof, force) constant generalised force, or None.
+    """
+
+    hypothesis: Hypothesis
+    theta: Array
+    shift: Array | None = None
+    push: tuple[int, float] | None = None
+
+
+class BatchFields(Fields):
+    """Model fields of some simulations of a batch."""
+
+    xp = np
+
+    def __init__(self, batch: Batch, rows: Array) -> None:
+        self.batch, self.rows = batch, rows
+
+    def get(self, name: str, index: Any) -> Array:
+        index = index if isinstance(index, tuple) else (index,)
+        return np.array(self.batch.expand(name)[self._at(index)], dtype=float)
+
+    def set(self, name: str, index: Any, value: Any) -> None:
+        index = index if isinstance(index, tuple) else (index,)
+        self.batch.expand(name)[self._at(index)] = value
+
+    def _at(self, index: tuple[Any, ...]) -> tuple[Any, ...]:
+        if any(isinstance(i, slice) for i in index):
+            return (self.rows, *index)
+        return (self.rows, *(np.full(self.rows.shape, i) for i in index))
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep MuJoCo's instability warnings out of the console and of its log file."""
+    mujoco.set_mju_user_warning(lambda _message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
+
+
+@dataclass
+class _Group:
+    """Simulations on which one runtime effect acts."""
+
+    term: Term
+    rows: Array
+    theta: Array
+    memory: Any = None
+
+
+@dataclass
+class Simulator:
+    """Predicts windows. `steps` counts simulated steps.
+
+    """
+
+    model: mujoco.MjModel
+    ctx: Context
+    threads: int = 1
+    steps: int = field(default=0)
+
+    def __post_init__(self) -> None:
+        self.model = _without_autoreset(self.model)
+        self.ctx = replace(self.ctx, model=self.model)
+        m = self.model
+        self._joint_drive = np.array([is_joint_transmission(m, a) for a in range(m.nu)], dtype=bool)
+
+    def residuals(self, runs: list[Run], w: Windows) -> Array:
+        """Measured minus predicted: [R, W, N, 2 nv], positions then velocities, in joint space; NaN unmeasured."""
+        out = np.empty((len(runs), w.count, w.times.shape[1], 2 * self.model.nv))
+        per = max(1, CHUNK // max(w.count, 1))
+        with quiet():
+            for a in range(0, len(runs), per):
+                out[a : a + per] = self._chunk(runs[a : a + per], w)
+        return out
+
+    def _chunk(self, runs: list[Run], w: Windows) -> Array:
+        m, nwin = self.model, w.count
+        n = len(runs) * nwin
+        batch = Batch(self._timed(w.dt), n, self.threads)
+        window = np.tile(np.arange(nwin), len(runs))
+        rows_of = np.arange(n).reshape(len(runs), nwin)
+        groups = self._groups(runs, rows_of)
+        self._apply_models(batch, groups)
+        offset, delay = self._senses(groups, n)
+        q0, v0 = self._starts(runs, w, window, offset, delay)
+        batch.bind("qpos")[:], batch.bind("qvel")[:] = q0, v0
+        if m.na:
+            batch.bind("act")[:] = w.act0[window]
+        commands = self._commands(groups, w, window)
+        q, v = self._roll(batch, groups, runs, rows_of, commands, w, window)
+        self.steps += n * w.steps
+        return self._compare(q, v, w, window, offset, delay).reshape(len(runs), nwin, w.times.shape[1], -1)
+
+    def _timed(self, dt: float) -> mujoco.MjModel:
+        if abs(self.model.opt.timestep - dt) > 1e-12:
+            self.model.opt.timestep = dt
+        return self.model
+
+    def _groups(self, runs: list[Run], rows_of: Array) -> list[_Group]:
+        table: dict[Term, tuple[list[Array], list[Array]]] = {}
+        for run, rows in zip(runs, rows_of, strict=True):
+            for term, theta in run.hypothesis.split(self.ctx, run.theta).items():
+                lists = table.setdefault(term, ([], []))
+                lists[0].append(rows)
+                lists[1].append(np.tile(theta, (rows.size, 1)))
+        groups = [_Group(t, np.concatenate(r), np.concatenate(p)) for t, (r, p) in table.items()]
+        return sorted(groups, key=lambda g: g.term.effect.order)
+
+    def _apply_models(self, batch: Batch, groups: list[_Group]) -> None:
+        derived = []
+        for g in groups:
+            g.term.effect.model(BatchFields(batch, g.rows), self.ctx, g.term.place, g.theta)
+            if g.term.effect.set_const:
+                derived.append(g.rows)
+        if derived:
+            batch.set_const(np.unique(np.concatenate(derived)))
+
+    def _senses(self, groups: list[_Group], n: int) -> tuple[Array, Array]:
+        offset, delay = np.zeros((n, self.model.nv)), np.zeros((n, self.model.nv))
+        for g in groups:
+            if g.term.effect.senses:
+                dof = self.ctx.dof(g.term.place)
+                o, d = g.term.effect.sense(g.theta)
+                offset[g.rows, dof] += o
+                delay[g.rows, dof] += d
+        return offset, delay
+
+    def _starts(
+        self, runs: list[Run], w: Windows, window: Array, offset: Array, delay: Array
+    ) -> tuple[Array, Array]:
+        m = self.model
+        q0, v0 = w.q0[window].copy(), w.v0[window].copy()
+        for dof in np.flatnonzero((delay != 0).any(0)):
+            q = int(m.jnt_qposadr[m.dof_jntid[dof]])
+            late = np.flatnonzero(delay[:, dof] != 0)
+            for s in np.unique(w.source[window[late]]):
+                rows = late[w.source[window[late]] == s]
+                at = w.start[window[rows]] + delay[rows, dof]
+                q0[rows, q], v0[rows, dof] = w.sources[s].state_at(at, q, dof)
+        move = np.zeros((len(window), m.nv))
+        move -= offset
+        for i, run in enumerate(runs):
+            if run.shift is not None:
+                rows = slice(i * w.count, (i + 1) * w.count)
+                move[rows] += run.shift[:, : m.nv]
+                v0[rows] += run.shift[:, m.nv :]
+        return integrate(m, q0, move), v0
+
+    def _commands(self, groups: list[_Group], w: Windows, window: Array) -> dict[int, tuple[Array, Array]]:
+        """Changed command timelines: actuator -> (rows, [rows, K])."""
+        out: dict[int, dict[int, Array]] = {}
+        for g in groups:
+            if not g.term.effect.commands:
+                continue
+            a = g.term.place.index
+            done = out.setdefault(a, {})
+            u = w.command[window[g.rows], :, a].copy()
+            for i, row in enumerate(g.rows):
+                if row in done:
+                    u[i] = done[row]
+            u = g.term.effect.timeline(self.ctx, g.term.place, g.theta, u, w.dt)
+            done.update(zip(g.rows.tolist(), u, strict=True))
+        return {
+            a: (np.array(list(rows)), np.array(list(rows.values()))[:, w.history :]) for a, rows in out.items()
+        }
+
+    def _roll(
+        self,
+        batch: Batch,
+        groups: list[_Group],
+        runs: list[Run],
+        rows_of: Array,
+        commands: dict[int, tuple[Array, Array]],
+        w: Windows,
+        window: Array,
+    ) -> tuple[Array, Array]:
+        """States [K + 1, n, nq], [K + 1, n, nv] along the windows."""
+        m, n, steps = self.model, window.size, w.steps
+        qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
+        ctrl = batch.bind("ctrl") if m.nu else None
+        table = w.command[:, w.history :]
+        push = np.zeros((n, m.nv))
+        for run, rows in zip(runs, rows_of, strict=True):
+            if run.push is not None:
+                push[rows, run.push[0]] += run.push[1]
+        runtime = [g for g in groups if g.term.effect.runtime]
+        engine = _Runtime(self, batch, runtime, push, w.dt) if runtime or push.any() else None
+        q_all, v_all = np.empty((steps + 1, n, m.nq)), np.empty((steps + 1, n, m.nv))
+        q_all[0], v_all[0] = qpos, qvel
+        for k in range(steps):
+            if ctrl is not None:
+                ctrl[:] = table[window, k]
+                for a, (rows, u) in commands.items():
+                    ctrl[rows, a] = u[:, k]
+            if engine is not None:
+                engine.apply(first=k == 0)
+            batch.step()
+            wild = ~(np.abs(qvel).max(1) < _DIVERGED)
+            if wild.any():
+                qvel[wild] = 0.0
+                qpos[wild] = q_all[0, wild]
+            q_all[k + 1], v_all[k + 1] = qpos, qvel
+        return q_all, v_all
+
+    def _compare(self, q: Array, v: Array, w: Windows, window: Array, offset: Array, delay: Array) -> Array:
+        m, n = self.model, window.size
+        times = w.times[window]
+        pq, pv = _sample(m, q, v, times, w.dt)
+        for dof in np.flatnonzero((delay != 0).any(0)):
+            column = int(m.jnt_qposadr[m.dof_jntid[dof]])
+            rows = np.flatnonzero(delay[:, dof] != 0)
+            t = times[rows] - delay[rows, dof, None]
+            sq, sv = _sample(m, q[:, rows], v[:, rows], np.maximum(t, 0.0), w.dt)
+            pq[rows, :, column], pv[rows, :, dof] = sq[..., column], sv[..., dof]
+            early = t < 0
+            for s in np.unique(w.source[window[rows]]):
+                mine = w.source[window[rows]] == s
+                at = w.start[window[rows[mine]], None] + times[rows[mine]]
+                eq, ev = w.sources[s].state_at(at.reshape(-1), column, dof)
+                mask = early[mine]
+                block_q, block_v = pq[rows[mine], :, column], pv[rows[mine], :, dof]
+                block_q[mask], block_v[mask] = eq.reshape(at.shape)[mask], ev.reshape(at.shape)[mask]
+                pq[rows[mine], :, column], pv[rows[mine], :, dof] = block_q, block_v
+        out = np.empty((n, times.shape[1], 2 * m.nv))
+        out[..., : m.nv] = difference(m, pq, w.qpos[window]) - offset[:, None, :]
+        out[..., m.nv :] = w.qvel[window] - pv
+        out[~w.seen[window]] = np.nan
+        return out
+
+
+class _Runtime:
+    """Effects whose forces are computed each step, vectorised over the simulations on which they act."""
+
+    def __init__(self, sim: Simulator, batch: Batch, groups: list[_Group], push: Array, dt: float) -> None:
+        self.sim, self.batch, self.groups, self.push, self.dt = sim, batch, groups, push, dt
+        m = sim.model
+        self.qfrc = batch.bind("qfrc_applied")
+        self.xfrc = batch.bind("xfrc_applied")
+        self.dry_base = None
+        if any("dof_frictionloss" in g.term.effect.fields for g in groups):
+            self.dry = batch.expand("dof_frictionloss")
+            self.dry_base = self.dry.copy()
+        self.bodies = any(g.term.effect.id == "quadratic_drag" and g.term.place.kind == "body" for g in groups)
+        if self.bodies or any(g.term.place.kind == "body" for g in groups):
+            self.cvel, self.xipos, self.com = (batch.bind(k) for k in ("cvel", "xipos", "subtree_com"))
+            self.bodies = True
+        self.gain = _expanded(batch, m, "actuator_gainprm")
+        self.bias = _expanded(batch, m, "actuator_biasprm")
+        self.range = _expanded(batch, m, "actuator_forcerange").copy()
+        limited = _expanded(batch, m, "actuator_forcelimited").astype(bool)
+        self.range[~np.broadcast_to(limited, self.range.shape[:-1])] = [-1e12, 1e12]
+        self.affine = m.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+        self.affine_rows = _expanded(batch, m, "actuator_biastype") == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        self.formula = sim._joint_drive & (m.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
+        self.formula &= np.isin(
+            m.actuator_biastype, [int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)]
+        )
+        self.formula &= m.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE
+        self.last_force = batch.bind("actuator_force") if m.nu and not self.formula.all() else None
+        joints = m.actuator_trnid[:, 0] if m.nu else np.zeros(0, int)
+        self.qadr = np.where(self.formula, m.jnt_qposadr[np.clip(joints, 0, m.njnt - 1)], 0)
+        self.dadr = np.where(self.formula, m.jnt_dofadr[np.clip(joints, 0, m.njnt - 1)], 0)
+        self.gear = m.actuator_gear[:, 0] if m.nu else np.zeros(0)
+
+    def _step(self) -> Step:
+        m, b = self.sim.model, self.batch
+        q, v = b.bind("qpos"), b.bind("qvel")
+        if not m.nu:
+            empty = np.zeros((q.shape[0], 0))
+            return Step(q, v, empty, empty, empty, empty, empty, empty, empty, self._body_velocity, self.dt)
+        u = b.bind("ctrl")
+        low = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 0], -np.inf)
+        high = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 1], np.inf)
+        length, speed = self.gear * q[:, self.qadr], self.gear * v[:, self.dadr]
+        bias = np.where(self.affine_rows[..., None], self.bias, 0.0)
+        free = self.gain[..., 0] * np.clip(u, low, high) + bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
+        f = np.clip(free, self.range[..., 0], self.range[..., 1])
+        if self.last_force is not None:
+            free = np.where(self.formula, free, self.last_force)
+            f = np.where(self.formula, f, self.last_force)
+        shape = f.shape
+        wide = [np.broadcast_to(x, shape) for x in (self.range[..., 0], self.range[..., 1], bias[..., 1], bias[..., 2])]
+        return Step(q, v, u, f, free, *wide, self._body_velocity, self.dt)
+
+    def _body_velocity(self, body: int) -> Array:
+        """World velocity of the centre of mass, one substep behind."""
+        root = int(self.sim.model.body_rootid[body])
+        arm = self.xipos[:, body] - self.com[:, root]
+        return self.cvel[:, body, 3:] + np.cross(self.cvel[:, body, :3], arm)
+
+    def apply(self, first: bool) -> None:
+        m = self.sim.model
+        if first and (self.bodies or self.last_force is not None):
+            self.batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_ACC))
+        s = self._step()
+        self.qfrc[:] = self.push
+        if self.bodies:
+            self.xfrc[:] = 0.0
+        if self.dry_base is not None:
+            self.dry[:] = self.dry_base
+        for g in self.groups:
+            effect, place, rows = g.term.effect, g.term.place, g.rows
+            part = _rows(s, rows)
+            if first:
+                g.memory = effect.memory(np, self.sim.ctx, place, g.theta, part)
+            forces, g.memory = effect.force(np, self.sim.ctx, place, g.theta, part, g.memory)
+            if forces.joint is not None:
+                self.qfrc[rows, self.sim.ctx.dof(place)] += forces.joint
+            if forces.dry is not None:
+                self.dry[rows, self.sim.ctx.dof(place)] += forces.dry
+            if forces.body is not None:
+                self.xfrc[rows, place.index, :3] += forces.body
+            if forces.actuator is not None:
+                a = place.index
+                if self.sim._joint_drive[a]:
+                    dof = int(m.jnt_dofadr[m.actuator_trnid[a, 0]])
+                    self.qfrc[rows, dof] += self.gear[a] * forces.actuator
+                else:
+                    self.batch.bind("ctrl")[rows, a] += forces.actuator / m.actuator_gainprm[a, 0]
+
+
+def _rows(s: Step, rows: Array) -> Step:
+    return Step(
+        *(x[rows] for x in (s.q, s.v, s.u, s.f, s.f_free, s.force_low, s.force_high, s.f_position, s.f_velocity)),
+        lambda body: s.body_velocity(body)[rows],
+        s.dt,
+    )
+
+
+def _expanded(batch: Batch, model: mujoco.MjModel, name: str) -> Array:
+    """Per-simulation values [n, ...] of a field, or the shared ones [1, ...]."""
+    value = batch.expanded(name)
+    return np.array(value) if value is not None else np.array(getattr(model, name))[None]
+
+
+def _sample(m: mujoco.MjModel, q: Array, v: Array, times: Array, dt: float) -> tuple[Array, Array]:
+    """States at any times [n, N] between the steps of trajectories [K + 1, n, .]."""
+    k = np.clip(np.floor(times / dt + 1e-6).astype(int), 0, q.shape[0] - 2)
+    s = times / dt - k
+    s = np.where(np.abs(s - np.round(s)) < 1e-6, np.round(s), s)[..., None]
+    rows = np.arange(q.shape[1])[:, None]
+    q0, q1, v0, v1 = q[k, rows], q[k + 1, rows], v[k, rows], v[k + 1, rows]
+    pv = v0 + s * (v1 - v0)
+    pq = q0 + s * (q1 - q0)
+    for j in range(m.njnt):
+        if is_scalar(m, j):
+            a, d = int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])
+            pq[..., a] = hermite(s[..., 0], dt, q0[..., a], q1[..., a], v0[..., d], v1[..., d])
+    return pq, pv
+
+
+def _without_autoreset(model: mujoco.MjModel) -> mujoco.MjModel:
+    model = copy.copy(model)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    return model

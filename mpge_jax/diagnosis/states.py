@@ -1,0 +1,206 @@
+"""Joint-space states of every recording: smoothed positions, velocities, accelerations and covariances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.model import Names, is_scalar
+from mpge_jax.diagnosis.noise import MIN_ROWS, column_noise
+from mpge_jax.diagnosis.recording import Recording
+from mpge_jax.diagnosis.smooth import Series, smooth
+
+Array = np.ndarray
+SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR = 1e-6, 1e-5
+UNKNOWN_VELOCITY = 1.0
+"""Deviation (m/s or rad/s) of a velocity of which nothing was measured."""
+MAX_ROWS = 60_000
+"""Most rows smoothed over all recordings; longer logs are read in stretches."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Deviations of the measurement noise per column, quantisation included.
+
+    Attributes:
+        qpos: [nq]. qvel: [nv]; infinite where recorded velocities are not used. quantum: [nq].
+    """
+
+    qpos: Array
+    qvel: Array
+    quantum: Array
+
+
+@dataclass(frozen=True)
+class States:
+    """Estimates along one recording.
+
+    Attributes:
+        qpos: [T, nq]. qvel: [T, nv]. qacc: [T, nv].
+        cov: [T, nv, 2, 2] covariance of (position, velocity) per degree of freedom.
+    """
+
+    qpos: Array
+    qvel: Array
+    qacc: Array
+    cov: Array
+
+
+def _dof_of_column(model: mujoco.MjModel) -> dict[int, int]:
+    """qpos column -> dof, of every joint that is not a quaternion."""
+    out = {}
+    for j in range(model.njnt):
+        q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+        kind = model.jnt_type[j]
+        if is_scalar(model, j):
+            out[q] = v
+        elif kind == mujoco.mjtJoint.mjJNT_FREE:
+            out.update({q + i: v + i for i in range(3)})
+    return out
+
+
+def estimate(
+    recordings: list[Recording], model: mujoco.MjModel, names: Names
+) -> tuple[Noise, list[States], list[str]]:
+    """Noise levels and smoothed states. Returns warnings too."""
+    warnings: list[str] = []
+    qpos_noise, quanta = np.full(model.nq, np.nan), np.zeros(model.nq)
+    for c in range(model.nq):
+        qpos_noise[c], quanta[c] = column_noise([r.time for r in recordings], [r.qpos[:, c] for r in recordings])
+    qvel_noise = np.full(model.nv, np.inf)
+    with_velocity = [r for r in recordings if r.qvel is not None]
+    for d in range(model.nv):
+        level, _ = column_noise([r.time for r in with_velocity], [r.qvel[:, d] for r in with_velocity])
+        if np.isfinite(level):
+            qvel_noise[d] = level
+        elif any(not np.isnan(r.qvel[:, d]).all() for r in with_velocity):
+            qvel_noise[d] = SIGMA_VELOCITY_FLOOR
+    if max((r.time.size for r in recordings), default=0) < MIN_ROWS:
+        warnings.append("recordings are too short to estimate noise; they are taken as nearly noise-free.")
+    qpos_noise = np.maximum(np.nan_to_num(qpos_noise, nan=SIGMA_FLOOR), SIGMA_FLOOR)
+    qvel_noise = np.maximum(qvel_noise, SIGMA_VELOCITY_FLOOR)
+    dofs = _dof_of_column(model)
+    untrusted = _check_velocities(recordings, model, dofs, qpos_noise, qvel_noise)
+    if untrusted:
+        joints = sorted({names.joint_of_dof(model, d) for d in untrusted})
+        warnings.append(
+            f"recorded velocities of {', '.join(joints)} disagree with the positions (filtered or delayed by "
+            "the driver); velocities are taken from the positions."
+        )
+        qvel_noise[untrusted] = np.inf
+    noise = Noise(qpos_noise, qvel_noise, quanta)
+    return noise, _smooth_all(recordings, model, dofs, noise), warnings
+
+
+def _check_velocities(
+    recordings: list[Recording],
+    model: mujoco.MjModel,
+    dofs: dict[int, int],
+    qpos_noise: Array,
+    qvel_noise: Array,
+) -> list[int]:
+    """Degrees of freedom whose recorded velocity is not the derivative of the recorded position."""
+    bad = []
+    for column, dof in dofs.items():
+        if not np.isfinite(qvel_noise[dof]):
+            continue
+        usable = [
+            r
+            for r in recordings
+            if r.qvel is not None
+            and r.time.size >= 60
+            and not np.isnan(r.qpos[:, column]).all()
+            and not np.isnan(r.qvel[:, dof]).all()
+        ][:4]
+        if not usable:
+            continue
+        estimates = smooth(
+            [Series(r.time[:400], r.qpos[:400, column], None, qpos_noise[column], 1.0) for r in usable]
+        )
+        ratio = []
+        for r, s in zip(usable, estimates, strict=True):
+            inner = slice(10, min(400, r.time.size) - 10)
+            error = r.qvel[:400, dof][inner] - s.mean[inner, 1]
+            expected = s.cov[inner, 1, 1] + qvel_noise[dof] ** 2
+            tolerance = (0.02 * np.std(r.qvel[:400, dof])) ** 2
+            ratio.append(float(np.median(error**2 / (expected + tolerance))))
+        if np.median(ratio) > 4.0:
+            bad.append(dof)
+    return bad
+
+
+def _smooth_all(
+    recordings: list[Recording], model: mujoco.MjModel, dofs: dict[int, int], noise: Noise
+) -> list[States]:
+    series: list[Series] = []
+    owner: list[tuple[int, int, int]] = []
+    states = []
+    for i, r in enumerate(recordings):
+        rows = r.time.size
+        measured_v = r.qvel if r.qvel is not None else np.full((rows, model.nv), np.nan)
+        cov = np.zeros((rows, model.nv, 2, 2))
+        cov[:, :, 0, 0] = SIGMA_FLOOR**2
+        cov[:, :, 1, 1] = np.where(np.isnan(measured_v), UNKNOWN_VELOCITY, np.minimum(noise.qvel, 1.0)) ** 2
+        qpos = np.where(np.isnan(r.qpos), model.qpos0, r.qpos)
+        states.append(States(qpos, np.nan_to_num(measured_v), np.zeros((rows, model.nv)), cov))
+        for column, dof in dofs.items():
+            if np.isnan(r.qpos[:, column]).all():
+                continue
+            usable = np.isfinite(noise.qvel[dof]) and not np.isnan(measured_v[:, dof]).all()
+            if rows < 4:
+                cov[:, dof, 0, 0] = noise.qpos[column] ** 2
+                if not usable:
+                    states[i].qvel[:, dof] = np.gradient(r.qpos[:, column], r.time)
+                continue
+            series.append(
+                Series(
+                    r.time,
+                    r.qpos[:, column],
+                    measured_v[:, dof] if usable else None,
+                    float(noise.qpos[column]),
+                    float(noise.qvel[dof]) if usable else 1.0,
+                )
+            )
+            owner.append((i, column, dof))
+    if series:
+        for (i, column, dof), s in zip(owner, smooth(series), strict=True):
+            states[i].qpos[:, column] = s.mean[:, 0]
+            states[i].qvel[:, dof] = s.mean[:, 1]
+            states[i].qacc[:, dof] = s.mean[:, 2]
+            states[i].cov[:, dof] = s.cov[:, :2, :2]
+    for r, s in zip(recordings, states, strict=True):
+        _rotations(r, s, model, noise)
+    return states
+
+
+def _rotations(recording: Recording, states: States, model: mujoco.MjModel, noise: Noise) -> None:
+    """Angular velocities of ball and free joints, in the body's frame, where they were not measured."""
+    for j in range(model.njnt):
+        kind, q, v = int(model.jnt_type[j]), int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            q, v = q + 3, v + 3
+        elif kind != mujoco.mjtJoint.mjJNT_BALL:
+            continue
+        quat = recording.qpos[:, q : q + 4]
+        if np.isnan(quat).all():
+            continue
+        states.cov[:, v : v + 3, 0, 0] = (2 * noise.qpos[q]) ** 2
+        measured = recording.qvel is not None and not np.isnan(recording.qvel[:, v]).all()
+        if measured and np.isfinite(noise.qvel[v : v + 3]).all():
+            states.cov[:, v : v + 3, 1, 1] = noise.qvel[v : v + 3] ** 2
+            continue
+        if recording.time.size < 4:
+            continue
+        parts = smooth([Series(recording.time, quat[:, k], None, float(noise.qpos[q]), 1.0) for k in range(4)])
+        mean = np.stack([p.mean[:, 0] for p in parts], 1)
+        mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+        rate = np.stack([p.mean[:, 1] for p in parts], 1)
+        w, x = mean[:, :1], mean[:, 1:]
+        dw, dx = rate[:, :1], rate[:, 1:]
+        # omega = 2 * vector part of conj(quat) * dquat/dt
+        omega = 2 * (w * dx - dw * x - np.cross(x, dx))
+        states.qpos[:, q : q + 4] = mean
+        states.qvel[:, v : v + 3] = omega
+        states.cov[:, v : v + 3, 1, 1] = 4 * np.mean([p.cov[:, 1, 1] for p in parts], axis=0)[:, None]

@@ -1,0 +1,90 @@
+"""What is left after the best hypothesis: noise, or structure that nothing here explains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.model import floating_base_joints
+from mpge_jax.diagnosis.simulate import Run, Simulator
+from mpge_jax.diagnosis.whiten import Whitener, robust_loss
+from mpge_jax.diagnosis.windows import Windows
+
+Array = np.ndarray
+EXCESS = 0.5
+"""Relative chi^2 above the floor that counts as structure."""
+LEFT = 0.1
+"""Share of the nominal model's error (rms beyond noise) that counts as structure."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Root-mean-square open-loop errors over windows.
+
+    Attributes:
+        rms: over all position columns. joint: [nv] per degree of freedom (NaN where unmeasured).
+        window: [W] per window. curves: [W, N, nv] measured minus predicted.
+    """
+
+    rms: float
+    joint: Array
+    window: Array
+    curves: Array
+
+
+def errors(sim: Simulator, f: Fitted, w: Windows) -> Errors:
+    """Open-loop prediction errors of positions in joint space."""
+    nv = sim.model.nv
+    residual = sim.residuals([Run(f.hypothesis, f.theta)], w)[0][..., :nv]
+    square = np.clip(residual, -1e3, 1e3) ** 2
+    seen = np.isfinite(square)
+    filled = np.where(seen, square, 0.0)
+    total = np.maximum(seen.sum(), 1)
+    per_joint = np.where(seen.any((0, 1)), filled.sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1), np.nan)
+    per_window = filled.sum((1, 2)) / np.maximum(seen.sum((1, 2)), 1)
+    return Errors(float(np.sqrt(filled.sum() / total)), np.sqrt(per_joint), np.sqrt(per_window), residual)
+
+
+def noise_floor(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> float:
+    """Error that measurement noise and uncertain start states alone give (rms over position columns)."""
+    from mpge_jax.diagnosis.whiten import start_runs
+
+    nv = sim.model.nv
+    res = sim.residuals(start_runs(f.hypothesis, f.theta, w), w)[..., :nv]
+    seen = np.isfinite(res[0])
+    spread = np.where(seen, np.clip(res[1:] - res[0], -1e3, 1e3), 0.0)
+    variance = (spread**2).sum(0) + np.where(seen, scale[:nv] ** 2, 0.0)
+    return float(np.sqrt(variance[seen].sum() / max(seen.sum(), 1)))
+
+
+def excess_by_dof(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> tuple[Array, Array]:
+    """How much force is missing at each degree of freedom: (ratio [nv], force estimates [W, nv]).
+
+    In every window a constant generalised force is estimated from the whitened residual; its square over its
+    variance, averaged over windows, is one when noise alone acts.
+    """
+    nv = sim.model.nv
+    scale = np.maximum(sim.ctx.torque, 1e-9) * 0.02
+    runs = [Run(f.hypothesis, f.theta)]
+    runs += [Run(f.hypothesis, f.theta, push=(d, float(scale[d]))) for d in range(nv)]
+    flat = white(sim.residuals(runs, w))
+    columns = np.moveaxis(flat[1:] - flat[0], 0, -1)  # [W, M, nv]
+    gram = np.einsum("wmi,wmj->wij", columns, columns) + 1e-12 * np.eye(nv)
+    push = -np.einsum("wmi,wm->wi", columns, flat[0])
+    inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
+    estimate = np.einsum("wij,wj->wi", inverse, push)
+    variance = np.maximum(np.einsum("wii->wi", inverse), 1e-300)
+    ratio = np.minimum(estimate**2 / variance, 1e6)
+    return ratio.mean(0), estimate * scale
+
+
+def active_dofs(model: mujoco.MjModel) -> list[int]:
+    base = floating_base_joints(model)
+    return [d for d in range(model.nv) if int(model.dof_jntid[d]) not in base]
+
+
+def relative_loss(x: Array) -> float:
+    return float(robust_loss(x).mean())

@@ -1,0 +1,132 @@
+"""Residuals in units of noise with the start state marginalised.
+
+A window's residual has covariance S = sigma^2 I + kappa^2 Phi P Phi^T + D D^T: measurement noise, the uncertain
+start state (Phi: sensitivity of the window to its start, P: the smoother's covariance) and nuisance directions D
+such as the effect of a finer timestep. Whitening multiplies by S^(-1/2), through a thin SVD per window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.simulate import Run, Simulator
+from mpge_jax.diagnosis.states import Noise
+from mpge_jax.diagnosis.windows import Windows
+
+Array = np.ndarray
+KAPPA = 5.0
+NUISANCE = 3.0
+_CAP = 1e8
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Whitens residuals of one set of windows.
+
+    Attributes:
+        scale: [2 nv] deviations of the noise, infinite for columns that are not compared.
+        basis: [W, M, k] orthonormal directions. shrink: [W, k]. seen: [W, M] mask.
+        count: [W] compared values. expected: [W] chi^2 over count when the hypothesis is true.
+    """
+
+    scale: Array
+    basis: Array
+    shrink: Array
+    seen: Array
+    count: Array
+    expected: Array
+
+    def take(self, index: Array) -> Whitener:
+        return Whitener(
+            self.scale, *(getattr(self, k)[index] for k in ("basis", "shrink", "seen", "count", "expected"))
+        )
+
+    def plain(self, residual: Array) -> Array:
+        """Residuals [..., W, N, 2 nv] in units of noise: [..., W, M], zero where unseen."""
+        r = residual / self.scale
+        r = np.where(np.isfinite(residual), r, 0.0)
+        r = np.clip(r, -_CAP, _CAP)
+        return r.reshape(*r.shape[:-2], r.shape[-2] * r.shape[-1])
+
+    def __call__(self, residual: Array) -> Array:
+        """Whitened residuals [..., W, M]."""
+        r = self.plain(residual)
+        inner = np.einsum("wmk,...wm->...wk", self.basis, r, optimize=True)
+        return r - np.einsum("wmk,...wk->...wm", self.basis, self.shrink * inner, optimize=True)
+
+    def excess(self, whitened: Array) -> Array:
+        """chi^2 of each window over what noise and start alone give: [..., W]."""
+        return (whitened**2).sum(-1) / self.count / self.expected
+
+
+def column_scale(noise: Noise, model) -> Array:
+    """Noise deviations [2 nv] in joint space."""
+    from mpge_jax.diagnosis.rotations import _parts
+
+    scale = np.full(2 * model.nv, np.inf)
+    columns, dofs, quats = _parts(model)
+    scale[dofs] = noise.qpos[columns]
+    for q, v in quats:
+        scale[v : v + 3] = 2 * noise.qpos[q]
+    scale[model.nv :] = noise.qvel
+    return scale
+
+
+def start_runs(hypothesis: Hypothesis, theta: Array, w: Windows) -> list[Run]:
+    """The nominal start and one run per column of the start's covariance root."""
+    nv = w.v0.shape[1]
+    runs = [Run(hypothesis, theta)]
+    for dof in range(nv):
+        for column in (0, 1):
+            shift = np.zeros((w.count, 2 * nv))
+            shift[:, dof] = w.root[:, dof, 0, column]
+            shift[:, nv + dof] = w.root[:, dof, 1, column]
+            runs.append(Run(hypothesis, theta, shift))
+    return runs
+
+
+def whitener(
+    sim: Simulator,
+    hypothesis: Hypothesis,
+    theta: Array,
+    w: Windows,
+    noise: Noise,
+    nuisance: list[Array] | None = None,
+) -> Whitener:
+    """Whitener of windows `w` around a hypothesis. `nuisance`: residual-shaped directions [W, N, 2 nv]."""
+    scale = column_scale(noise, sim.model)
+    res = sim.residuals(start_runs(hypothesis, theta, w), w)
+    base = res[0]
+    seen = np.isfinite(base) & np.isfinite(scale)
+    flat_seen = seen.reshape(w.count, -1)
+    count = np.maximum(flat_seen.sum(1), 1).astype(float)
+    columns = (res[1:] - base) / scale
+    columns = np.where(seen, columns, 0.0).reshape(len(res) - 1, w.count, -1)
+    columns = np.clip(columns, -_CAP, _CAP)
+    stack = [KAPPA * columns]
+    if nuisance:
+        extra = [np.where(seen, d / scale, 0.0).reshape(1, w.count, -1) for d in nuisance]
+        stack += [NUISANCE * np.clip(e, -_CAP, _CAP) for e in extra]
+    u = np.moveaxis(np.concatenate(stack), 0, -1)
+    basis, s, _ = np.linalg.svd(u, full_matrices=False)
+    shrink = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
+    # expected chi^2 with the true start covariance (kappa = 1): noise plus start through S^(-1)
+    bare = np.einsum("wmk,rwm->rwk", basis, columns, optimize=True)
+    gained = (bare**2 / (1.0 + s**2)).sum((0, 2))
+    expected = (count - (s**2 / (1.0 + s**2)).sum(-1) + gained) / count
+    return Whitener(scale, basis, shrink, flat_seen, count, np.maximum(expected, 0.05))
+
+
+def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> Array:
+    """Change of the residuals [W, N, 2 nv] when the timestep is halved: a mismatch that is no physics."""
+    run = [Run(hypothesis, theta)]
+    coarse = sim.residuals(run, w)[0]
+    return sim.residuals(run, w.refined(2))[0] - coarse
+
+
+def robust_loss(x: Array) -> Array:
+    """Loss of windows with relative chi^2 x: 5 log(1 + x/5), linear for ordinary windows."""
+    return 5.0 * np.log1p(x / 5.0)

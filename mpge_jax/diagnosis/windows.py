@@ -1,0 +1,254 @@
+"""Windows: short stretches of recordings that are predicted open loop from an estimated state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.recording import Recording
+from mpge_jax.diagnosis.states import Noise, States
+
+Array = np.ndarray
+HISTORY = 0.3
+"""Seconds of commands kept before a window, for delays and lags."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """One recording with its estimates, ready to be cut.
+
+    Attributes:
+        command: [T, nu] what drives the actuators (commands, or measured forces).
+        integral: [T, nu] its running integral, for means over steps.
+    """
+
+    recording: Recording
+    states: States
+    command: Array
+    integral: Array
+
+    @staticmethod
+    def build(recording: Recording, states: States, command: Array) -> Source:
+        steps = np.diff(recording.time)[:, None] * command[:-1]
+        integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(steps, 0)])
+        return Source(recording, states, command, integral)
+
+    def mean_command(self, edges: Array) -> Array:
+        """Mean command [L, nu] over the steps between consecutive times `edges` [L + 1]."""
+        t, out = self.recording.time, np.empty((edges.size - 1, self.command.shape[1]))
+        for a in range(self.command.shape[1]):
+            value = np.interp(edges, t, self.integral[:, a])
+            value += np.minimum(edges - t[0], 0.0) * self.command[0, a]
+            value += np.maximum(edges - t[-1], 0.0) * self.command[-1, a]
+            out[:, a] = np.diff(value) / np.diff(edges)
+        return out
+
+    def state_at(self, times: Array, qadr: int, dof: int) -> tuple[Array, Array]:
+        """Smoothed position and velocity of one scalar joint at any times (cubic Hermite)."""
+        t = self.recording.time
+        i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, t.size - 2)
+        h = t[i + 1] - t[i]
+        s = np.clip((times - t[i]) / h, 0.0, 1.5)
+        q, v = self.states.qpos[:, qadr], self.states.qvel[:, dof]
+        return hermite(s, h, q[i], q[i + 1], v[i], v[i + 1]), v[i] + s * (v[i + 1] - v[i])
+
+
+def hermite(s: Array, h: Array | float, q0: Array, q1: Array, v0: Array, v1: Array) -> Array:
+    """Cubic with values q0, q1 and slopes v0, v1 at the ends of an interval of length h; s in [0, 1]."""
+    s2, s3 = s * s, s * s * s
+    return (
+        (2 * s3 - 3 * s2 + 1) * q0 + (s3 - 2 * s2 + s) * h * v0 + (3 * s2 - 2 * s3) * q1 + (s3 - s2) * h * v1
+    )
+
+
+@dataclass(frozen=True)
+class Windows:
+    """W windows of K steps with N samples each.
+
+    Attributes:
+        sources: the recordings. source: [W] index. start: [W] s. dt: step (s). steps: K.
+        q0: [W, nq], v0: [W, nv], root: [W, nv, 2, 2] Cholesky factors of the states' covariances.
+        act0: [W, na] activations. command: [W, H + K, nu] mean commands, the first H before the start.
+        times: [W, N] s after the start. seen: [W, N] whether the sample exists.
+        qpos: [W, N, nq]. qvel: [W, N, nv] (NaN where not measured).
+    """
+
+    sources: tuple[Source, ...]
+    source: Array
+    start: Array
+    dt: float
+    steps: int
+    q0: Array
+    v0: Array
+    root: Array
+    act0: Array
+    command: Array
+    times: Array
+    seen: Array
+    qpos: Array
+    qvel: Array
+
+    @property
+    def count(self) -> int:
+        return int(self.source.size)
+
+    @property
+    def history(self) -> int:
+        return self.command.shape[1] - self.steps
+
+    def take(self, index: Array) -> Windows:
+        keys = ("source", "start", "q0", "v0", "root", "act0", "command", "times", "seen", "qpos", "qvel")
+        return replace(self, **{k: getattr(self, k)[index] for k in keys})
+
+    def refined(self, factor: int) -> Windows:
+        """The same windows with `factor` times as many steps."""
+        dt, steps = self.dt / factor, self.steps * factor
+        before = int(np.ceil(HISTORY / dt))
+        grid = dt * np.arange(-before, steps + 1)
+        command = np.array(
+            [self.sources[s].mean_command(t + grid) for s, t in zip(self.source, self.start, strict=True)]
+        ).reshape(self.count, before + steps, -1)
+        return replace(self, dt=dt, steps=steps, command=command)
+
+
+def choose_dt(recordings: list[Recording], timestep: float) -> float:
+    """Step that divides the sample time where sampling is uniform, near the model's own timestep."""
+    steps = np.concatenate([np.diff(r.time) for r in recordings])
+    median = float(np.median(steps))
+    uniform = float(np.quantile(np.abs(steps - median), 0.9)) < 0.01 * median
+    if median < timestep:
+        return max(median, 0.25 * timestep) if uniform else timestep
+    if not uniform:
+        return timestep
+    ratio = median / timestep
+    return median / (round(ratio) if abs(ratio - round(ratio)) < 0.02 else np.ceil(ratio))
+
+
+def roughness(recording: Recording) -> Array:
+    """How abruptly the motion changes around each row [T], in units of its median: impacts stand out."""
+    q = recording.qpos[:, ~np.isnan(recording.qpos).any(0)]
+    out = np.zeros(q.shape[0])
+    if q.shape[0] < 12:
+        return out
+    third = np.abs(np.diff(q, 3, axis=0))
+    third = third / np.maximum(np.median(third, axis=0), 1e-12 + 1e-9 * np.abs(q).max(0))
+    level = third.max(1)
+    for shift in range(-2, 6):
+        index = np.clip(np.arange(level.size) + shift, 0, level.size + 2)
+        out[index] = np.maximum(out[index], level)
+    return out
+
+
+def _spans(recording: Recording, duration: float) -> list[tuple[int, int]]:
+    """Non-overlapping (first row, last row) of at most `duration` seconds without gaps.
+
+    A window does not start at an impact, where no smoother knows the state: it starts at the first calm row.
+    """
+    t = recording.time
+    steps = np.diff(t)
+    limit = max(5 * float(np.median(steps)), 0.05)
+    rough = roughness(recording)
+    calm = max(6.0, 2.0 * float(np.median(rough)))
+    out, a = [], 0
+    while a < t.size - 1:
+        until = max(int(np.searchsorted(t, t[a] + 0.4 * duration)), a + 1)
+        below = np.flatnonzero(rough[a:until] <= calm)
+        a += int(below[0]) if below.size else int(np.argmin(rough[a:until]))
+        b = int(np.searchsorted(t, t[a] + duration * (1 + 1e-6) + 1e-9, side="right")) - 1
+        broken = np.flatnonzero(steps[a : max(b, a + 1)] > limit)
+        if broken.size:
+            a = a + int(broken[0]) + 1
+            continue
+        whole = t[b] - t[a] >= 0.8 * duration
+        if b <= a or not whole:
+            break
+        out.append((a, b))
+        a = b
+    return out
+
+
+def cut(
+    sources: tuple[Source, ...],
+    model: mujoco.MjModel,
+    noise: Noise,
+    duration: float,
+    limit: int,
+    dt: float,
+    rng: np.random.Generator,
+    max_samples: int = 100,
+) -> Windows:
+    """Cut at most `limit` windows of `duration` seconds, spread over all recordings."""
+    found = [(i, a, b) for i, s in enumerate(sources) for a, b in _spans(s.recording, duration)]
+    if len(found) > limit:
+        keep = np.sort(rng.permutation(len(found))[:limit])
+        found = [found[k] for k in keep]
+    steps = max(
+        (int(np.ceil((sources[i].recording.time[b] - sources[i].recording.time[a]) / dt - 1e-6)) for i, a, b in found),
+        default=1,
+    )
+    rows = []
+    for i, a, b in found:
+        inside = np.arange(a + 1, b + 1)
+        if inside.size > max_samples:
+            inside = inside[np.unique(np.linspace(0, inside.size - 1, max_samples).astype(int))]
+        rows.append(inside)
+    n, w = max((r.size for r in rows), default=1), len(found)
+    before = int(np.ceil(HISTORY / dt))
+    nq, nv, nu = model.nq, model.nv, model.nu
+    times, seen = np.zeros((w, n)), np.zeros((w, n), bool)
+    qpos, qvel = np.full((w, n, nq), np.nan), np.full((w, n, nv), np.nan)
+    command = np.zeros((w, before + steps, nu))
+    q0, v0, root = np.zeros((w, nq)), np.zeros((w, nv)), np.zeros((w, nv, 2, 2))
+    act0 = np.zeros((w, model.na))
+    start = np.zeros(w)
+    for k, ((i, a, _), inside) in enumerate(zip(found, rows, strict=True)):
+        s = sources[i]
+        r = s.recording
+        start[k] = r.time[a]
+        m = inside.size
+        times[k, :m], seen[k, :m] = r.time[inside] - r.time[a], True
+        qpos[k, :m] = r.qpos[inside]
+        if r.qvel is not None:
+            qvel[k, :m] = r.qvel[inside]
+        command[k] = s.mean_command(r.time[a] + dt * np.arange(-before, steps + 1))
+        q0[k], v0[k] = s.states.qpos[a], s.states.qvel[a]
+        root[k] = _cholesky(s.states.cov[a])
+        act0[k] = _activation(model, s, a)
+    qvel[:, :, ~np.isfinite(noise.qvel)] = np.nan
+    source = np.array([i for i, _, _ in found], dtype=int)
+    return Windows(
+        sources, source, start, dt, steps, q0, v0, root, act0, command, times, seen, qpos, qvel
+    )  # fmt: skip
+
+
+def _cholesky(cov: Array) -> Array:
+    """Lower factors [nv, 2, 2] of 2 x 2 covariances, tolerant of singular ones."""
+    a = np.sqrt(np.maximum(cov[:, 0, 0], 1e-18))
+    b = cov[:, 1, 0] / a
+    c = np.sqrt(np.maximum(cov[:, 1, 1] - b**2, 1e-4 * np.abs(cov[:, 1, 1]) + 1e-18))
+    out = np.zeros_like(cov)
+    out[:, 0, 0], out[:, 1, 0], out[:, 1, 1] = a, b, c
+    return out
+
+
+def _activation(model: mujoco.MjModel, source: Source, row: int) -> Array:
+    """Activations of the nominal model's own filters at a row, from the commands before it."""
+    act = np.zeros(model.na)
+    filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
+    t = source.recording.time
+    for a in range(model.nu):
+        adr = int(model.actuator_actadr[a])
+        if adr < 0:
+            continue
+        if model.actuator_dyntype[a] in filters:
+            tau = max(float(model.actuator_dynprm[a, 0]), 1e-6)
+            first = int(np.searchsorted(t, t[row] - 10 * tau))
+            x = source.command[first, a]
+            for k in range(first, row):
+                x = source.command[k, a] + (x - source.command[k, a]) * np.exp(-(t[k + 1] - t[k]) / tau)
+            act[adr] = x
+        elif model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_INTEGRATOR:
+            act[adr] = source.integral[row, a]
+    return act

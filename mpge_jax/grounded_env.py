@@ -1,0 +1,44 @@
+"""A simulator behind action transformers: what an agent trains in before it meets the target."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from envs import Env, State
+from mpge_jax import transformer
+from mpge_jax.transformer import Transformer
+
+
+class GroundedEnv:
+    """An environment like any other, whose actions pass through one of N transformers, drawn at every reset.
+
+    pi_g is deterministic here. The reward is that of the action asked for: the agent pays for its own control effort,
+    not for what the transformer makes of it.
+
+    Args:
+      env: the simulator.
+      transformers: one transformer, or N of them stacked (every leaf `[N, ...]`).
+    """
+
+    def __init__(self, env: Env, transformers: Transformer):
+        self._env = env
+        stacked = transformers.input_mean.ndim == 2
+        self._members = transformers if stacked else jax.tree.map(lambda x: x[None], transformers)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._env, name)
+
+    def reset(self, key: jax.Array) -> State:
+        """The first state of an episode; `info["member"]` is the transformer drawn for it. `key` is consumed."""
+        key_member, key_reset = jax.random.split(key)
+        state = self._env.reset(key_reset)
+        member = jax.random.randint(key_member, (), 0, self._members.input_mean.shape[0])
+        return state.replace(info={**state.info, "member": member})
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """One step of the simulator under the transformed `action [A]`."""
+        pi_g = jax.tree.map(lambda x: x[state.info["member"]], self._members)
+        low, high = jnp.asarray(self._env.action_low), jnp.asarray(self._env.action_high)
+        executed = transformer.deterministic(pi_g, state.obs, jnp.clip(action, low, high), low, high)
+        return self._env.step(state, executed, charged=action)

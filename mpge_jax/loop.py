@@ -1,0 +1,165 @@
+"""The Python loop around a compiled update: progress, learning curve, checkpoints, resumption.
+
+A checkpoint holds the whole state and the curve so far, and is written atomically (orbax). An interrupted run that is
+started again with the same arguments ends with the same bits as one that was never interrupted.
+"""
+
+import json
+import logging
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import orbax.checkpoint as ocp
+
+from mpge_jax.progress import ProgressBar
+
+S = TypeVar("S")
+Curve = dict[str, np.ndarray]
+
+
+def run(
+    update: Callable[[S], tuple[S, dict[str, jax.Array]]],
+    state: S,
+    iterations: int,
+    *,
+    title: str = "training",
+    folder: Path | str | None = None,
+    identity: Mapping[str, Any] | None = None,
+    seconds_between_checkpoints: float = 60.0,
+    note: Callable[[dict[str, np.ndarray]], str] = lambda metrics: "",
+    quiet: bool = False,
+) -> tuple[S, Curve]:
+    """Calls `update` `iterations` times.
+
+    Args:
+      update: one compiled iteration; may donate its argument.
+      state: the state to start from, and the shape of every later one.
+      iterations: number of calls in all, those of interrupted runs included. A finished run may be made longer.
+      title: shown before the progress bar.
+      folder: where checkpoints are kept; None keeps none.
+      identity: what the run is (configuration, seed, data), JSON-serialisable; a checkpoint of another is refused.
+      seconds_between_checkpoints: a checkpoint is written when so long has passed since the last, and at the end.
+      note: text behind the progress bar, from the last metrics.
+      quiet: show no progress.
+
+    Returns:
+      The final state and the curve: every metric, `[iterations, ...]`.
+
+    Raises:
+      ValueError: `folder` holds a checkpoint of another run or of a longer one, or one that cannot be read.
+    """
+    rows: list[dict[str, np.ndarray]] = []
+    store = None if folder is None else _Store(Path(folder), identity or {})
+    if store is not None:
+        state, rows = store.restore(state)
+        if len(rows) > iterations:
+            raise ValueError(
+                f"The checkpoint in {folder} is {len(rows)} iterations long, beyond the {iterations} asked for; "
+                "remove that folder to start anew, or choose another."
+            )
+    last = time.monotonic()
+    try:
+        with ProgressBar(title, iterations, len(rows), quiet) as bar:
+            while len(rows) < iterations:
+                state, metrics = update(state)
+                rows.append({name: np.asarray(value) for name, value in metrics.items()})
+                bar.advance(note(rows[-1]))
+                due = time.monotonic() - last >= seconds_between_checkpoints
+                if store is not None and (due or len(rows) == iterations):
+                    store.save(state, rows)
+                    last = time.monotonic()
+    except KeyboardInterrupt:
+        if store is not None and rows:
+            store.save(state, rows)
+        raise
+    finally:
+        if store is not None:
+            store.close()
+    return state, _stack(rows)
+
+
+def _stack(rows: list[dict[str, np.ndarray]]) -> Curve:
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]} if rows else {}
+
+
+class _Store:
+    """Checkpoints of one run in one folder."""
+
+    def __init__(self, folder: Path, identity: Mapping[str, Any]):
+        # orbax reports every save at level WARNING from threads of its own.
+        logging.getLogger("absl").setLevel(logging.ERROR)
+        self._folder = folder.absolute()
+        self._identity = json.loads(json.dumps(identity, sort_keys=True, default=str))
+        self._manager = ocp.CheckpointManager(
+            self._folder,
+            options=ocp.CheckpointManagerOptions(max_to_keep=2, enable_async_checkpointing=False, create=True),
+        )
+
+    def restore(self, state: S) -> tuple[S, list[dict[str, np.ndarray]]]:
+        step = self._manager.latest_step()
+        if step is None:
+            return state, []
+        here = f"The checkpoint in {self._folder / str(step)}"
+        remedy = "remove that folder to start anew, or choose another."
+        leaves, structure = jax.tree.flatten(state)
+        template = {name: jax.ShapeDtypeStruct(x.shape, x.dtype) for name, x in _named(leaves).items()}
+        try:
+            identity = self._manager.restore(step, args=ocp.args.Composite(identity=ocp.args.JsonRestore())).identity
+        except Exception as error:
+            raise ValueError(f"{here} cannot be read ({type(error).__name__}); {remedy}") from error
+        if identity != self._identity:
+            names = sorted(k for k in {*identity, *self._identity} if identity.get(k) != self._identity.get(k))
+            raise ValueError(f"{here} is of another run: {', '.join(names)} differ; {remedy}")
+        try:
+            saved = self._manager.restore(
+                step,
+                args=ocp.args.Composite(
+                    state=ocp.args.StandardRestore(template), curve=ocp.args.StandardRestore()
+                ),
+            )
+        except Exception as error:
+            raise ValueError(f"{here} cannot be read ({type(error).__name__}); {remedy}") from error
+        restored = [_like(saved.state[str(i)], x) if str(i) in template else x for i, x in enumerate(leaves)]
+        curve = {name: np.asarray(value) for name, value in saved.curve.items()}
+        rows = [{name: values[i] for name, values in curve.items()} for i in range(step)]
+        return jax.tree.unflatten(structure, restored), rows
+
+    def save(self, state: Any, rows: list[dict[str, np.ndarray]]) -> None:
+        if self._manager.latest_step() == len(rows):
+            return
+        self._manager.save(
+            len(rows),
+            args=ocp.args.Composite(
+                state=ocp.args.StandardSave(_named(jax.tree.leaves(state))),
+                curve=ocp.args.StandardSave(_stack(rows)),
+                identity=ocp.args.JsonSave(self._identity),
+            ),
+        )
+
+    def close(self) -> None:
+        self._manager.close()
+
+
+def _named(leaves: list[Any]) -> dict[str, np.ndarray]:
+    """What orbax stores: leaves by number, without those of no elements (fields that a model does not have)."""
+    return {str(i): _plain(leaf) for i, leaf in enumerate(leaves) if leaf.size}
+
+
+def _is_key(leaf: Any) -> bool:
+    return isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
+def _plain(leaf: Any) -> np.ndarray:
+    return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
+
+
+def _like(saved: Any, leaf: Any) -> jax.Array:
+    if _is_key(leaf):
+        return jax.random.wrap_key_data(jnp.asarray(saved), impl=jax.random.key_impl(leaf))
+    # Copied: an array that aliases the reader's memory cannot be donated.
+    return jnp.array(saved, dtype=leaf.dtype, copy=True)

@@ -1,0 +1,129 @@
+"""Sets of rollout policies, on disk and in memory.
+
+A set is K trained SAC agents: several seeds (`MS`), or a sequence in which each is rewarded for the entropy of those
+before it (`ER`). Files are plain npz in half precision: no pickles, no code.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import flax.struct
+import flax.traverse_util
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from mpge_jax import sac
+from mpge_jax.sac import Actor, SACConfig, SACState
+
+KINDS = ("MS", "ER")
+
+
+@flax.struct.dataclass
+class PolicySet:
+    """K policies; every leaf has a leading axis K.
+
+    Attributes:
+      actor: parameters and action scale.
+      critic: both critics of each.
+      log_alpha: temperature, `[K]`.
+    """
+
+    actor: Actor
+    critic: Any
+    log_alpha: jax.Array
+
+    @property
+    def size(self) -> int:
+        return int(self.log_alpha.shape[0])
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Widths of the hidden layers."""
+        layers = self.actor.params["params"]
+        return tuple(layers[f"Dense_{i}"]["bias"].shape[-1] for i in range(len(layers) - 1))
+
+    def select(self, indices: list[int]) -> "PolicySet":
+        """The policies `indices`, in that order."""
+        chosen = np.asarray(indices)
+        return jax.tree.map(lambda x: x[chosen], self)
+
+    def learner(self, index: int, config: SACConfig) -> SACState:
+        """A SAC learner that goes on from policy `index`: its actor, critics and temperature.
+
+        Raises:
+          ValueError: the configuration wants networks of other sizes.
+        """
+        if tuple(config.hidden) != self.hidden:
+            raise ValueError(f"the policies have hidden layers {self.hidden}, the configuration wants {config.hidden}")
+        one = jax.tree.map(lambda x: x[index], self)
+        return sac.warm_start(one.actor, one.critic, one.log_alpha, config)
+
+
+def from_learners(state: SACState) -> PolicySet:
+    """The set of K policies that a vmapped learner `[K, ...]` holds."""
+    return PolicySet(state.actor, state.critic, state.log_alpha)
+
+
+def mean_entropy(policies: PolicySet, weights: jax.Array, obs: jax.Array, config: SACConfig) -> jax.Array:
+    """Mean Gaussian entropy before squashing, `[]`, of the policies with `weights [K]` 1 at `obs [O]`; 0 if none has."""
+    entropies = jax.vmap(lambda actor: sac.policy_entropy(actor, obs, config))(policies.actor)
+    return jnp.sum(weights * entropies) / jnp.maximum(jnp.sum(weights), 1.0)
+
+
+def save(path: Path | str, policies: PolicySet, about: dict[str, Any]) -> None:
+    """Writes a set and what there is to know about it (JSON-serialisable), atomically."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    flat = flax.traverse_util.flatten_dict(
+        {"actor": policies.actor.params, "critic": policies.critic}, sep="/"
+    )
+    arrays = {name: np.asarray(value, np.float16) for name, value in flat.items()}
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("wb") as file:
+        np.savez_compressed(
+            file,
+            about=np.array(json.dumps(about)),
+            log_alpha=np.asarray(policies.log_alpha, np.float32),
+            action_scale=np.asarray(policies.actor.action_scale, np.float32),
+            **arrays,
+        )
+    os.replace(partial, path)
+
+
+def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
+    """Reads what `save` wrote.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      ValueError: the file is damaged or is not a policy set.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no policy set at {path}; `python -m experiments.pretrain` makes one")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        about = json.loads(str(arrays.pop("about")))
+        log_alpha, scale = arrays.pop("log_alpha"), arrays.pop("action_scale")
+        nested = flax.traverse_util.unflatten_dict(
+            {name: jnp.asarray(value, jnp.float32) for name, value in arrays.items()}, sep="/"
+        )
+        actor = Actor(nested["actor"], jnp.asarray(scale))
+        return PolicySet(actor, nested["critic"], jnp.asarray(log_alpha)), about
+    except Exception as error:
+        raise ValueError(f"{path} is damaged or is not a policy set ({type(error).__name__}: {error})") from error
+
+
+def shipped_path(task: str, kind: str) -> Path:
+    """Where the set that ships with the project lies."""
+    return Path(__file__).parent / "policy_sets" / f"{task}-{kind}.npz"
+
+
+def shipped(task: str, kind: str) -> tuple[PolicySet, dict[str, Any]]:
+    """The five `MS` or `ER` policies of a source task that ship with the project."""
+    if kind not in KINDS:
+        raise ValueError(f"unknown kind of policy set {kind!r} (known: {', '.join(KINDS)})")
+    return load(shipped_path(task, kind))

@@ -1,0 +1,166 @@
+"""Transitions recorded in the target, and the only code that records them: every target step is counted.
+
+Shapes: `K` rollout policies, `M` the largest number of transitions of one of them, `O` observation, `A` action size.
+"""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import flax.struct
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from envs import AutoReset, Environment, State
+from mpge_jax import sac
+from mpge_jax.policies import PolicySet
+from mpge_jax.sac import Actor, SACConfig
+
+
+@flax.struct.dataclass
+class TargetLog:
+    """Transitions `(s, a, s')` of K policies, rows beyond a policy's own count are padding.
+
+    `next_observation` of a row that ended an episode is the state truly reached, never the next episode's first.
+
+    Attributes:
+      observation: `[K, M, O]`.
+      action: what the policy asked for, `[K, M, A]`.
+      next_observation: `[K, M, O]`.
+      terminated: 1 where the task ended, `[K, M]`.
+      episode: number of the episode that a row belongs to, from 0 for every policy, `[K, M]`.
+      count: valid rows of each policy, `[K]`.
+    """
+
+    observation: jax.Array
+    action: jax.Array
+    next_observation: jax.Array
+    terminated: jax.Array
+    episode: jax.Array
+    count: jax.Array
+
+    @property
+    def steps(self) -> int:
+        """Target steps that this log took, over all policies."""
+        return int(np.sum(np.asarray(self.count)))
+
+    def rows(self) -> dict[str, np.ndarray]:
+        """Observations, actions and next observations of all valid rows, `[steps, ...]`, policy by policy."""
+        valid = np.arange(self.observation.shape[1])[None, :] < np.asarray(self.count)[:, None]
+        fields = ("observation", "action", "next_observation")
+        return {name: np.asarray(getattr(self, name))[valid] for name in fields}
+
+
+def collect(
+    key: jax.Array, env: Environment, policies: PolicySet, budget: int, config: SACConfig
+) -> TargetLog:
+    """Takes exactly `budget` stochastic steps in the target `env`, shared evenly between the policies.
+
+    Where the budget does not divide, the first policies take one step more. `key` is consumed.
+
+    Raises:
+      ValueError: the budget is smaller than the number of policies.
+    """
+    size = policies.size
+    if budget < size:
+        raise ValueError(f"a budget of {budget} target steps is smaller than the number of rollout policies, {size}")
+    each, rest = divmod(budget, size)
+    wrapped = AutoReset(env)
+
+    def step(state: State, episode: jax.Array, actor: Actor, key: jax.Array) -> tuple[State, jax.Array, Any]:
+        action = sac.act(actor, state.obs, key, config)
+        after = wrapped.step(state, action)
+        row = (state.obs, action, after.info["next_obs"], after.info["terminated"], episode)
+        return after, episode + (after.done > 0), row
+
+    @jax.jit
+    def record(key: jax.Array, actor: Actor) -> Any:
+        key_reset, key_steps, key_rest = jax.random.split(key, 3)
+        state = jax.vmap(wrapped.reset)(jax.random.split(key_reset, size))
+        episode = jnp.zeros(size, jnp.int32)
+
+        def body(carry: tuple[State, jax.Array], key: jax.Array) -> Any:
+            state, episode, row = jax.vmap(step)(*carry, actor, jax.random.split(key, size))
+            return (state, episode), row
+
+        carry, rows = jax.lax.scan(body, (state, episode), jax.random.split(key_steps, each))
+        rows = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), rows)
+        if rest == 0:
+            return rows
+        some = jax.tree.map(lambda x: x[:rest], (*carry, actor))
+        *_, last = jax.vmap(step)(*some, jax.random.split(key_rest, rest))
+
+        def append(all_: jax.Array, more: jax.Array) -> jax.Array:
+            padded = jnp.zeros((size, 1, *more.shape[1:]), more.dtype).at[:rest, 0].set(more)
+            return jnp.concatenate([all_, padded], axis=1)
+
+        return jax.tree.map(append, rows, last)
+
+    observation, action, next_observation, terminated, episode = record(key, policies.actor)
+    count = jnp.asarray([each + (k < rest) for k in range(size)], jnp.int32)
+    return TargetLog(observation, action, next_observation, terminated, episode, count)
+
+
+_ROW_FIELDS = ("observation", "action", "next_observation", "terminated", "episode")
+
+
+def validate(log: TargetLog, env: Environment) -> None:
+    """Checks that a log is what grounding `env` needs.
+
+    Raises:
+      ValueError: an empty log, shapes that do not fit `env`, or a value that is not finite; says where.
+    """
+    count = np.asarray(log.count)
+    policies, most = count.shape[0], log.observation.shape[1]
+    wanted = {
+        "observation": (policies, most, env.observation_size),
+        "action": (policies, most, env.action_size),
+        "next_observation": (policies, most, env.observation_size),
+        "terminated": (policies, most),
+        "episode": (policies, most),
+    }
+    for name, shape in wanted.items():
+        found = np.shape(getattr(log, name))
+        if found != shape:
+            raise ValueError(f"target log: {name} has shape {found}, {env.name} needs {shape}")
+    if policies == 0 or count.min() < 1:
+        raise ValueError("target log: every rollout policy needs at least one transition, one has none")
+    if count.max() > most:
+        raise ValueError(f"target log: count says {count.max()} rows, but there are {most}")
+    for name in ("observation", "action", "next_observation"):
+        values = np.asarray(getattr(log, name))
+        for k in range(policies):
+            bad = ~np.isfinite(values[k, : count[k]]).all(axis=-1)
+            if bad.any():
+                raise ValueError(f"target log: {name} of policy {k} is not finite in row {int(np.argmax(bad))}")
+
+
+def save(path: Path | str, log: TargetLog) -> None:
+    """Writes the log as npz, atomically."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("wb") as file:
+        np.savez_compressed(
+            file, **{name: np.asarray(getattr(log, name)) for name in (*_ROW_FIELDS, "count")}
+        )
+    os.replace(partial, path)
+
+
+def load(path: Path | str) -> TargetLog:
+    """Reads what `save` wrote.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      ValueError: the file is damaged or is not a target log.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no target log at {path}")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            fields = {name: jnp.asarray(file[name]) for name in (*_ROW_FIELDS, "count")}
+    except Exception as error:
+        raise ValueError(f"{path} is damaged or is not a target log ({type(error).__name__}: {error})") from error
+    return TargetLog(**fields)

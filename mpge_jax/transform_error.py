@@ -1,0 +1,76 @@
+"""How far a transformer is from the true change of actions, where there is one (the paper's heat maps).
+
+A target that changes actions (`Variant.action`) is reproduced exactly by that change: the error is the mean L2
+distance to it, in action units, of the deterministic pi_g. Doing nothing scores 1.5 on SkewedPendulum at most and 0.5
+on the Broken tasks.
+
+Shapes: `B` rows, `O` observation, `A` action size.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+
+from envs import AutoReset, Env
+from mpge_jax import transformer
+from mpge_jax.target_log import TargetLog
+from mpge_jax.transformer import Transformer
+
+Truth = Callable[[jax.Array], jax.Array]
+
+
+def truth_of(target: Env) -> Truth | None:
+    """The change `action [A] -> action [A]` that makes the source move as `target`, or None where no action does."""
+    if target.variant is None or target.variant.action is None:
+        return None
+    change = target.variant.action
+    return lambda action: change(action, jnp.asarray(target.action_low), jnp.asarray(target.action_high))
+
+
+def mean_error(pi_g: Transformer, env: Env, truth: Truth, observation: jax.Array, action: jax.Array) -> jax.Array:
+    """Mean L2 distance, `[]`, between pi_g and the truth at `observation [B, O]`, `action [B, A]`."""
+    low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
+    given = transformer.deterministic(pi_g, observation, action, low, high)
+    return jnp.mean(jnp.linalg.norm(given - jax.vmap(truth)(action), axis=-1))
+
+
+def on_log(key: jax.Array, pi_g: Transformer, env: Env, truth: Truth, log: TargetLog) -> dict[str, jax.Array]:
+    """`error_uniform` and `error_own`: at logged states, for uniform random actions and for the logged ones.
+
+    1,024 rows drawn from the log with replacement; costs no simulation. `key` is consumed.
+    """
+    key_policy, key_row, key_action = jax.random.split(key, 3)
+    which = jax.random.randint(key_policy, (1024,), 0, log.count.shape[0])
+    row = jax.random.randint(key_row, (1024,), 0, log.count[which])
+    observation, own = log.observation[which, row], log.action[which, row]
+    uniform = _uniform(key_action, env, 1024)
+    return {
+        "error_uniform": mean_error(pi_g, env, truth, observation, uniform),
+        "error_own": mean_error(pi_g, env, truth, observation, own),
+    }
+
+
+def in_rollouts(key: jax.Array, pi_g: Transformer, env: Env, truth: Truth, steps: int = 2048) -> jax.Array:
+    """The paper's figure, `[]`: along `steps` steps of uniform random actions in the simulator grounded by `pi_g`.
+
+    Eight episodes side by side, from the task's own starts. `key` is consumed.
+    """
+    copies = 8
+    key_reset, key_act = jax.random.split(key)
+    wrapped = AutoReset(env)
+    low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
+    first = jax.vmap(wrapped.reset)(jax.random.split(key_reset, copies))
+
+    def body(state, key):
+        action = _uniform(key, env, copies)
+        executed = transformer.deterministic(pi_g, state.obs, action, low, high)
+        return jax.vmap(wrapped.step)(state, executed), mean_error(pi_g, env, truth, state.obs, action)
+
+    _, errors = jax.lax.scan(body, first, jax.random.split(key_act, steps // copies))
+    return jnp.mean(errors)
+
+
+def _uniform(key: jax.Array, env: Env, count: int) -> jax.Array:
+    low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
+    return jax.random.uniform(key, (count, env.action_size), minval=low, maxval=high)
