@@ -29,7 +29,9 @@ class Env:
         self.model = model
         self.engine = engine
         self.action_size = int(model.nu)
-        self.action_low, self.action_high = (np.array(side, np.float32) for side in model.actuator_ctrlrange.T)
+        self.action_low, self.action_high = (
+            np.array(side, np.float32) for side in model.actuator_ctrlrange.T
+        )
         self.dt = float(model.opt.timestep * task.frame_skip)
         self.max_steps = task.max_steps
         self.observation_size = int(jax.eval_shape(self.reset, jax.random.key(0)).obs.shape[0])
@@ -45,7 +47,9 @@ class Env:
           ValueError: where the task's observation does not determine its state.
         """
         if self.task.to_state is None:
-            raise ValueError(f"{self.task.name} has no to_state: its observation does not determine the state")
+            raise ValueError(
+                f"{self.task.name} has no to_state: its observation does not determine the state"
+            )
         return self._first_state(*self.task.to_state(obs))
 
     def step(self, state: State, action: jax.Array, charged: jax.Array | None = None) -> State:
@@ -55,7 +59,9 @@ class Env:
         what an agent asked for, whatever became of it).
         """
         if action.shape != (self.action_size,):
-            raise ValueError(f"{self.name}.step wants an action of shape ({self.action_size},), got {action.shape}")
+            raise ValueError(
+                f"{self.name}.step wants an action of shape ({self.action_size},), got {action.shape}"
+            )
         low, high = jnp.asarray(self.action_low, action.dtype), jnp.asarray(self.action_high, action.dtype)
         if self.variant is not None and self.variant.action is not None:
             action = self.variant.action(action, low, high)

@@ -1,8 +1,26 @@
 """MJX behind an environment: MuJoCo in JAX (`jax`, any accelerator) or in Warp (`warp`, NVIDIA only)."""
 
+from typing import Any
+
 import jax
 import mujoco
-from mujoco import mjx
+import numpy as np
+
+from envs._mjx import mjx
+
+# Model fields that MJX in JAX takes without a word and does not compute.
+_IGNORED = (
+    "actuator_delay",
+    "actuator_dampingpoly",
+    "dof_dampingpoly",
+    "jnt_stiffnesspoly",
+    "sensor_delay",
+    "tendon_dampingpoly",
+    "tendon_stiffnesspoly",
+)
+
+# Warp allocates contacts for all copies together before it knows their number.
+_WARP_COPIES = 8192
 
 
 class MJXEngine:
@@ -10,17 +28,34 @@ class MJXEngine:
 
     Args:
       model: compiled model.
-      implementation: "jax" or "warp".
+      implementation: "jax" or "warp". Warp has room for the contacts of 8,192 copies.
+
+    Raises:
+      ValueError: the model uses something that MJX does not compute.
     """
 
     def __init__(self, model: mujoco.MjModel, implementation: str = "jax"):
+        ignored = [name for name in _IGNORED if np.any(getattr(model, name))]
+        if implementation == "jax" and ignored:
+            raise ValueError(
+                f"MJX does not compute {', '.join(ignored)}, which this model uses: take backend 'c'"
+            )
         self.model = model
         self._implementation = implementation
-        self._mjx_model = mjx.put_model(model, impl=implementation)
+        self._sizes: dict[str, int] = {}
+        try:
+            self._mjx_model = mjx.put_model(model, impl=implementation)
+            if implementation == "warp":
+                most: Any = mjx.make_data(model, impl="jax")._impl
+                self._sizes = {"naconmax": max(1, most.ncon) * _WARP_COPIES, "njmax": max(1, most.nefc)}
+        except NotImplementedError as error:
+            raise ValueError(f"MJX cannot simulate this model ({error}): take backend 'c'") from error
 
     def init(self, qpos: jax.Array, qvel: jax.Array) -> mjx.Data:
         """Physics state at `qpos [nq]`, `qvel [nv]`, time 0, without warm start."""
-        return mjx.make_data(self.model, impl=self._implementation).replace(qpos=qpos, qvel=qvel)
+        return mjx.make_data(self.model, impl=self._implementation, **self._sizes).replace(
+            qpos=qpos, qvel=qvel
+        )
 
     def step(self, data: mjx.Data, ctrl: jax.Array, count: int) -> mjx.Data:
         """`count` physics steps under `ctrl [nu]`."""

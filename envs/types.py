@@ -12,8 +12,7 @@ Observe = Callable[[Any], jax.Array]
 Reward = Callable[[Any, jax.Array, Any, float], tuple[jax.Array, dict[str, jax.Array]]]
 
 
-@flax.struct.dataclass
-class State:
+class State(flax.struct.PyTreeNode):
     """One environment between two steps; fields as in MuJoCo Playground and brax.
 
     Attributes:
@@ -45,11 +44,14 @@ class Task:
       reset: `key -> (qpos [nq], qvel [nv])`.
       observe: `data -> obs [O]`.
       reward: `(data before, action [A], data after, dt in s) -> (reward [], metrics)`.
-      terminated: `data -> bool []`.
+      terminated: `data -> bool []`. A state that is not finite ends the episode whatever this says.
       to_state: `obs [O] -> (qpos [nq], qvel [nv])`, the inverse of `observe` up to coordinates that move nothing
         (a free root position is set to 0); None where an observation does not determine the state.
       total_mass: scale all masses and inertias to this total in kg, or leave them (None).
       max_steps: time limit of an episode in environment steps.
+
+    Raises:
+      ValueError: `frame_skip` or `max_steps` below 1, or `total_mass` not above 0.
     """
 
     name: str
@@ -63,6 +65,14 @@ class Task:
     total_mass: float | None = None
     max_steps: int = 1000
 
+    def __post_init__(self) -> None:
+        if self.frame_skip < 1 or self.max_steps < 1:
+            raise ValueError(
+                f"task {self.name}: frame_skip and max_steps must be at least 1, "
+                f"got {self.frame_skip} and {self.max_steps}"
+            )
+        _check_mass(self.name, self.total_mass)
+
 
 @dataclass(frozen=True)
 class Variant:
@@ -73,8 +83,12 @@ class Variant:
       task: name of the task that it changes.
       about: one sentence for lists and reports.
       spec: edits the `MjSpec` in place before it is compiled.
-      action: `(action [A], low [A], high [A]) -> action [A]`, what the target executes in its place.
+      action: `(action [A], low [A], high [A]) -> action [A]`, what the target executes in its place (clipped to the
+        action box afterwards).
       total_mass: replaces the task's total mass, in kg.
+
+    Raises:
+      ValueError: `total_mass` not above 0.
     """
 
     name: str
@@ -83,6 +97,14 @@ class Variant:
     spec: Callable[[mujoco.MjSpec], None] | None = None
     action: Callable[[jax.Array, jax.Array, jax.Array], jax.Array] | None = None
     total_mass: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_mass(self.name, self.total_mass)
+
+
+def _check_mass(name: str, total_mass: float | None) -> None:
+    if total_mass is not None and not total_mass > 0:
+        raise ValueError(f"{name}: total_mass must be above 0 kg, got {total_mass}")
 
 
 class Engine(Protocol):

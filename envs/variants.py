@@ -18,7 +18,9 @@ def break_first(action: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array
 
 
 VARIANTS = (
-    Variant("SkewedPendulum", "InvertedPendulum", "+1.5 on the cart's command, then clipped to +-3", action=skew),
+    Variant(
+        "SkewedPendulum", "InvertedPendulum", "+1.5 on the cart's command, then clipped to +-3", action=skew
+    ),
     Variant("BrokenHopper", "Hopper", "the thigh's motor is dead", action=break_first),
     Variant("BrokenCheetah", "HalfCheetah", "the back thigh's motor is dead", action=break_first),
     Variant("HeavyCheetah", "HalfCheetah", "total mass 20 kg in place of 14 kg", total_mass=20.0),

@@ -16,7 +16,7 @@ import numpy as np
 
 import envs
 from experiments.presets import Preset
-from mpge_jax import agent, ensemble, loop, policies, target_log, transform_error
+from mpge_jax import agent, ensemble, loop, policies, prediction, target_log, transform_error
 from mpge_jax.grounded_env import GroundedEnv
 from mpge_jax.loop import Curve
 from mpge_jax.policies import PolicySet
@@ -55,14 +55,25 @@ METHODS = {
     method.name: method
     for method in (
         Method("direct", "the source policy, as it is"),
-        Method("SPG", "one rollout policy, one transformer (GARAT)", grounding="adversarial", several_policies=False),
+        Method(
+            "SPG",
+            "one rollout policy, one transformer (GARAT)",
+            grounding="adversarial",
+            several_policies=False,
+        ),
         Method("MPG-MS", "several seeds, one transformer", grounding="adversarial"),
         Method("MPG-ER", "entropy-regularised policies, one transformer", kind="ER", grounding="adversarial"),
         Method("MPGE-MS", "several seeds, an ensemble", grounding="adversarial", ensemble=True),
         Method(
-            "MPGE-ER", "entropy-regularised policies, an ensemble", kind="ER", grounding="adversarial", ensemble=True
+            "MPGE-ER",
+            "entropy-regularised policies, an ensemble",
+            kind="ER",
+            grounding="adversarial",
+            ensemble=True,
         ),
-        Method("GAT", "the simulator inverted on the target's transitions, then regressed", grounding="inversion"),
+        Method(
+            "GAT", "the simulator inverted on the target's transitions, then regressed", grounding="inversion"
+        ),
         Method(
             "MPGE+",
             "an ensemble that starts from the inversion, with episodes from logged states",
@@ -124,10 +135,12 @@ def run(cell: Cell, folder: Path, quiet: bool = False) -> Outcome:
     rotation = [[(seed + k) % full.size for k in range(_policies(cell, method))] for seed in cell.seeds]
     sets = jax.tree.map(lambda *x: jnp.stack(x), *(full.select(indices) for indices in rotation))
 
-    logs, transformers, curve = None, None, {}
+    logs: TargetLog | None = None
+    transformers: Transformer | None = None
+    curve: Curve = {}
     extra: list[dict[str, Any]] = [{} for _ in cell.seeds]
     if method.uses_samples:
-        logs = _record(cell, method, target, sets)
+        logs = _record(cell, method, target, sets, folder)
         transformers, curve = _ground(cell, method, source, target, sets, logs, folder, quiet)
         extra = _errors(cell, source, target, transformers)
     learners = _train(cell, method, source, target, sets, transformers, folder, quiet)
@@ -153,14 +166,17 @@ def _policies(cell: Cell, method: Method) -> int:
     return cell.preset.policies if method.several_policies else 1
 
 
-def _record(cell: Cell, method: Method, target: envs.Env, sets: PolicySet) -> TargetLog:
-    keys = cell.keys("log", method.kind, str(_policies(cell, method)))
+def _record(cell: Cell, method: Method, target: envs.Env, sets: PolicySet, folder: Path) -> TargetLog:
+    """The target logs, every leaf `[S, ...]`; recorded once, then read: a resumed cell takes no more target steps."""
+    paths = [folder / f"target_log_{seed}.npz" for seed in cell.seeds]
+    if all(path.is_file() for path in paths):
+        return jax.tree.map(lambda *x: jnp.stack(x), *map(target_log.load, paths))
     config = cell.preset.tasks[envs.source_of(cell.task)].grounding.rollout
-    logs = [
-        target_log.collect(key, target, jax.tree.map(lambda x, i=i: x[i], sets), cell.samples, config)
-        for i, key in enumerate(keys)
-    ]
-    return jax.tree.map(lambda *x: jnp.stack(x), *logs)
+    collect = jax.vmap(lambda key, one: target_log.collect(key, target, one, cell.samples, config))
+    logs = collect(cell.keys("log", method.kind, str(_policies(cell, method))), sets)
+    for i, path in enumerate(paths):
+        target_log.save(path, jax.tree.map(lambda x, i=i: x[i], logs))
+    return logs
 
 
 def _ground(
@@ -185,19 +201,26 @@ def _ground(
     def keys(stage: str) -> jax.Array:
         return jax.vmap(lambda key: jax.random.split(key, members))(cell.keys(stage)).reshape(-1)
 
-    start, curve = None, {}
+    start: Transformer | None = None
+    curve: Curve = {}
+    learned_from, held_out = logs, None
+    if method.grounding == "both":
+        learned_from, held_out = jax.vmap(prediction.hold_out, (0, None))(logs, cell.preset.plus.held_out)
     if method.grounding in ("inversion", "both"):
-        start, _ = ensemble.invert_ensemble(source, repeat(logs), cell.preset.inversion, keys("inversion"))
+        start, _ = ensemble.invert_ensemble(source, repeat(learned_from), cell.preset.inversion, keys("inversion"))
         if method.grounding == "inversion":
             return fold(start), curve
         config = cell.preset.plus.grounding(config)
         start = start.replace(
-            params={**start.params, "log_std": jnp.full_like(start.params["log_std"], cell.preset.plus.log_std)}
+            params={
+                **start.params,
+                "log_std": jnp.full_like(start.params["log_std"], cell.preset.plus.log_std),
+            }
         )
     transformers, curve = ensemble.ground_ensemble(
         source,
         repeat(sets),
-        repeat(logs),
+        repeat(learned_from),
         config,
         keys("grounding"),
         truth=transform_error.truth_of(target),
@@ -206,12 +229,25 @@ def _ground(
         quiet=quiet,
         title=f"{cell.method} {cell.samples}: grounding {seeds} x {members}",
     )
+    if start is not None:
+        transformers = _better(source, start, transformers, repeat(logs), repeat(held_out))
     return fold(transformers), {
         name: values.reshape(len(values), seeds, members) for name, values in curve.items()
     }
 
 
-def _errors(cell: Cell, source: envs.Env, target: envs.Env, transformers: Transformer) -> list[dict[str, Any]]:
+def _better(
+    source: envs.Env, one: Transformer, other: Transformer, logs: TargetLog, held_out: jax.Array
+) -> Transformer:
+    """Of every pair of transformers the one that predicts the held-out rows of its log better, `[S * N, ...]`."""
+    judge = jax.jit(jax.vmap(lambda pi_g, log, rows: prediction.one_step_error(source, pi_g, log, rows)))
+    keep = judge(one, logs, held_out) <= judge(other, logs, held_out)
+    return jax.tree.map(lambda a, b: jnp.where(keep.reshape(-1, *(1,) * (a.ndim - 1)), a, b), one, other)
+
+
+def _errors(
+    cell: Cell, source: envs.Env, target: envs.Env, transformers: Transformer
+) -> list[dict[str, Any]]:
     """The action-transformation error of each seed (fact 28), a mean over its members."""
     truth = transform_error.truth_of(target)
     if truth is None:
@@ -247,9 +283,7 @@ def _train(
     def env_of(members: Transformer | None) -> envs.Environment:
         return target if members is None else GroundedEnv(source, members)
 
-    init = jax.jit(
-        jax.vmap(lambda key, learner, members: agent.init(key, env_of(members), config, learner))
-    )
+    init = jax.jit(jax.vmap(lambda key, learner, members: agent.init(key, env_of(members), config, learner)))
     step = jax.jit(
         jax.vmap(lambda state, members: agent.iterate(state, env_of(members), config)), donate_argnums=0
     )
@@ -263,9 +297,11 @@ def _train(
             "cell": [cell.task, cell.method, cell.samples, cell.seeds, cell.backend, cell.dynamics],
             "config": dataclasses.asdict(config),
         },
-        note=lambda metrics: f"return there {np.nanmean(np.append(metrics['return'], np.nan)):.0f}"
-        if np.isfinite(metrics["return"]).any()
-        else "",
+        note=lambda metrics: (
+            f"return there {np.nanmean(np.append(metrics['return'], np.nan)):.0f}"
+            if np.isfinite(metrics["return"]).any()
+            else ""
+        ),
         quiet=quiet,
     )
     return state.learner

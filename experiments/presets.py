@@ -45,12 +45,15 @@ class PlusSettings:
       restart_steps: length of the episodes, which start in logged states.
       log_std: where the spread starts, as narrow as the inversion is good.
       max_kl: TRPO's trust region.
+      held_out: share of every policy's log kept back from learning, to choose between the inversion and what
+        adversarial grounding made of it.
     """
 
     iterations: int = 100
     restart_steps: int = 2
     log_std: float = -3.0
     max_kl: float = 1e-3
+    held_out: float = 0.2
 
     def grounding(self, base: GroundingConfig) -> GroundingConfig:
         """The grounding configuration of `MPGE+`."""

@@ -10,6 +10,7 @@ import platform
 import sys
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -123,13 +124,15 @@ def _train_er(
         lambda key, earlier, weights: agent.init(key, env, config, bonus=lambda o: bonus(o, earlier, weights))
     )
     iterate = jax.jit(
-        lambda state, earlier, weights: agent.iterate(state, env, config, lambda o: bonus(o, earlier, weights)),
+        lambda state, earlier, weights: agent.iterate(
+            state, env, config, lambda o: bonus(o, earlier, weights)
+        ),
         donate_argnums=0,
     )
     for index in range(1, args.count):
         weights = (jnp.arange(args.count) < index).astype(jnp.float32)
         state, _ = loop.run(
-            lambda s, e=padded, w=weights: iterate(s, e, w),
+            partial(iterate, earlier=padded, weights=weights),
             init(keys[index], padded, weights),
             iterations,
             **_loop_options(args, folder / f"{args.task}-ER-{index}", f"ER {index + 1}/{args.count}", config),
@@ -141,7 +144,10 @@ def _train_er(
 
 
 def _loop_options(args: Args, folder: Path, label: str, config: AgentConfig) -> dict[str, Any]:
-    identity = {"args": dataclasses.asdict(dataclasses.replace(args, quiet=False, out=None)), "config": config}
+    identity = {
+        "args": dataclasses.asdict(dataclasses.replace(args, quiet=False, out=None)),
+        "config": config,
+    }
     return {
         "title": f"{args.task} {label}",
         "folder": folder,

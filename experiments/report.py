@@ -83,7 +83,9 @@ def returns_figure(rows: Rows, path: Path, task: str) -> None:
         if (method, 0) in groups:
             level = float(np.mean([row["return_stochastic"] for row in groups[method, 0]]))
             axes.axhline(level, color="black", linestyle=style, label=method)
-    axes.set(xscale="log", xlabel="transitions recorded in the target", ylabel="return in the target", title=task)
+    axes.set(
+        xscale="log", xlabel="transitions recorded in the target", ylabel="return in the target", title=task
+    )
     axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
     _save(figure, path)
 
@@ -91,7 +93,10 @@ def returns_figure(rows: Rows, path: Path, task: str) -> None:
 def errors_figure(curves: dict[tuple[str, int], Curve], path: Path, task: str, batch: int) -> None:
     """Action-transformation error (uniform actions, logged states) against simulator steps of one transformer."""
     figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
-    styles = {samples: style for samples, style in zip(sorted({s for _, s in curves}), ("-", "--", ":", "-."), strict=False)}
+    styles = {
+        samples: style
+        for samples, style in zip(sorted({s for _, s in curves}), ("-", "--", ":", "-."), strict=False)
+    }
     for (method, samples), curve in curves.items():
         if "error_uniform" not in curve:
             continue
@@ -101,7 +106,12 @@ def errors_figure(curves: dict[tuple[str, int], Curve], path: Path, task: str, b
         colour = _COLOURS.get(method, "black")
         axes.plot(steps, error.mean(axis=1), color=colour, linestyle=style, label=f"{method}, {samples}")
         axes.fill_between(steps, error.min(axis=1), error.max(axis=1), color=colour, alpha=0.12, linewidth=0)
-    axes.set(xlabel="simulator steps of one transformer", ylabel="action-transformation error", title=task, ylim=(0, None))
+    axes.set(
+        xlabel="simulator steps of one transformer",
+        ylabel="action-transformation error",
+        title=task,
+        ylim=(0, None),
+    )
     axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
     _save(figure, path)
 

@@ -13,13 +13,22 @@ from typing import Any
 import jax
 import numpy as np
 
-from mpge_jax import policies, target_log
+from mpge_jax import files, policies
 from mpge_jax.loop import Curve
 from mpge_jax.policies import PolicySet
-from mpge_jax.target_log import TargetLog
 from mpge_jax.transformer import Transformer
 
-_PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "gymnasium", "numpy")
+_PACKAGES = (
+    "jax",
+    "jaxlib",
+    "mujoco",
+    "mujoco-mjx",
+    "flax",
+    "optax",
+    "orbax-checkpoint",
+    "gymnasium",
+    "numpy",
+)
 
 
 def plain(value: Any) -> Any:
@@ -44,14 +53,6 @@ def versions() -> dict[str, str]:
     }
 
 
-def write_text(path: Path, text: str) -> None:
-    """Writes a file in one step: a reader sees the old or the new one, never half of it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(text)
-    os.replace(partial, path)
-
-
 class SweepFolder:
     """The output folder of one sweep.
 
@@ -68,18 +69,20 @@ class SweepFolder:
         record = path / "sweep.json"
         if record.is_file():
             try:
-                found = json.loads(record.read_text())["identity"]
+                found = dict(json.loads(record.read_text())["identity"])
             except (ValueError, KeyError, TypeError) as error:
-                raise ValueError(f"{record} cannot be read; move the folder away or choose another --out") from error
+                raise ValueError(
+                    f"{record} cannot be read; move the folder away or choose another --out"
+                ) from error
             differing = sorted(k for k in {*found, *identity} if found.get(k) != identity.get(k))
             if differing:
                 raise ValueError(
                     f"{path} holds another sweep ({', '.join(differing)} differ); choose another --out"
                 )
-        elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+        elif path.exists() and not _is_fresh(path):
             raise ValueError(f"{path} is not empty and holds no sweep; choose another --out")
         else:
-            write_text(record, json.dumps({"identity": identity, "versions": versions()}, indent=1))
+            files.write_text(record, json.dumps({"identity": identity, "versions": versions()}, indent=1))
 
     def cell(self, method: str, samples: int) -> Path:
         """Where a cell keeps its files."""
@@ -95,32 +98,32 @@ class SweepFolder:
         samples: int,
         rows: list[dict[str, Any]],
         curve: Curve,
-        logs: TargetLog | None,
         transformers: Transformer | None,
         agents: PolicySet,
     ) -> None:
-        """Stores a cell; its result last, so that a cell with a result is complete. Drops its checkpoints."""
+        """Stores a cell beside its target logs; the result last, so that a cell with a result is complete.
+
+        Drops its checkpoints.
+        """
         folder = self.cell(method, samples)
         folder.mkdir(parents=True, exist_ok=True)
-        if logs is not None:
-            for i, row in enumerate(rows):
-                one = jax.tree.map(lambda x, i=i: x[i], logs)
-                target_log.save(folder / f"target_log_{row['seed']}.npz", one)
         if transformers is not None:
             leaves, _ = jax.tree_util.tree_flatten_with_path(transformers)
-            arrays = {jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(x) for path, x in leaves}
-            _save_npz(folder / "transformers.npz", arrays)
+            arrays = {
+                jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(x) for path, x in leaves
+            }
+            files.write_npz(folder / "transformers.npz", arrays)
         if curve:
-            _save_npz(folder / "curve.npz", curve)
+            files.write_npz(folder / "curve.npz", curve)
         policies.save(folder / "agents.npz", agents, {"rows": rows})
-        write_text(folder / "result.json", json.dumps(rows, indent=1))
+        files.write_text(folder / "result.json", json.dumps(rows, indent=1))
         (folder / "error.json").unlink(missing_ok=True)
         for checkpoints in ("grounding", "agent"):
             shutil.rmtree(folder / checkpoints, ignore_errors=True)
 
     def save_error(self, method: str, samples: int, message: str) -> None:
         """Records why a cell failed."""
-        write_text(self.cell(method, samples) / "error.json", json.dumps({"error": message}, indent=1))
+        files.write_text(self.cell(method, samples) / "error.json", json.dumps({"error": message}, indent=1))
 
     def rows(self) -> list[dict[str, Any]]:
         """The results of all finished cells, one row a seed."""
@@ -151,12 +154,10 @@ class SweepFolder:
             writer.writerows(rows)
         os.replace(partial, path)
         record = json.loads((self.path / "sweep.json").read_text())
-        write_text(self.path / "results.json", json.dumps({**record, "rows": rows}, indent=1))
-        write_text(self.path / "results.md", markdown)
+        files.write_text(self.path / "results.json", json.dumps({**record, "rows": rows}, indent=1))
+        files.write_text(self.path / "results.md", markdown)
 
 
-def _save_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
-        np.savez_compressed(file, **arrays)
-    os.replace(partial, path)
+def _is_fresh(path: Path) -> bool:
+    # A sweep killed in its first moment leaves nothing but a half-written record.
+    return path.is_dir() and all(file.name == "sweep.json.partial" for file in path.iterdir())

@@ -1,6 +1,6 @@
 """The main job: compare methods on a target. `python -m experiments.sweep --help` lists what is allowed.
 
-    python -m experiments.sweep --task BrokenCheetah --method SPG MPGE-MS --samples 5000 --seeds 3 --preset standard
+python -m experiments.sweep --task BrokenCheetah --method SPG MPGE-MS --samples 5000 --seeds 3 --preset standard
 """
 
 import difflib
@@ -40,7 +40,9 @@ class Args:
     preset: Annotated[str, tyro.conf.arg(help=_PRESETS_HELP)] = "quick"
     out: Annotated[Path | None, tyro.conf.arg(help="output folder (default: results/TASK-PRESET)")] = None
     backend: Annotated[str, tyro.conf.arg(help="physics: " + ", ".join(envs.BACKENDS))] = "auto"
-    dynamics: Annotated[str, tyro.conf.arg(help="inertia of capsules: " + ", ".join(envs.DYNAMICS))] = "mujoco"
+    dynamics: Annotated[str, tyro.conf.arg(help="inertia of capsules: " + ", ".join(envs.DYNAMICS))] = (
+        "mujoco"
+    )
     quiet: Annotated[bool, tyro.conf.arg(help="no progress bars")] = False
 
 
@@ -63,10 +65,16 @@ def cells_of(args: Args) -> tuple[list[Cell], Preset]:
     _check(args.backend, envs.BACKENDS, "backend")
     _check(args.dynamics, envs.DYNAMICS, "dynamics")
     if envs.source_of(task) not in preset.tasks:
-        raise ValueError(f"preset {preset.name} has no settings for {envs.source_of(task)}, the source of {task}")
+        raise ValueError(
+            f"preset {preset.name} has no settings for {envs.source_of(task)}, the source of {task}"
+        )
     if args.seeds < 1:
         raise ValueError(f"--seeds must be at least 1, got {args.seeds}")
-    chosen = list(METHODS) if args.method == ("all",) else [_check(m, list(METHODS), "method") for m in args.method]
+    chosen = (
+        list(METHODS)
+        if args.method == ("all",)
+        else [_check(m, list(METHODS), "method") for m in args.method]
+    )
     for samples in args.samples:
         if samples < preset.policies:
             raise ValueError(
@@ -101,7 +109,9 @@ def sweep(args: Args) -> int:
     console.print(pprint.pformat(settings, width=110), highlight=False)
     failures: dict[str, str] = {}
     for number, cell in enumerate(cells, 1):
-        label = f"[{number}/{len(cells)}] {cell.method}" + (f", {cell.samples} samples" if cell.samples else "")
+        label = f"[{number}/{len(cells)}] {cell.method}" + (
+            f", {cell.samples} samples" if cell.samples else ""
+        )
         if folder.is_done(cell.method, cell.samples):
             console.print(f"{label}: done before", highlight=False)
             continue
@@ -116,7 +126,7 @@ def sweep(args: Args) -> int:
         seconds = time.monotonic() - started
         rows = [{**row, "seconds": round(seconds / len(outcome.rows), 1)} for row in outcome.rows]
         folder.save_cell(
-            cell.method, cell.samples, rows, outcome.curve, outcome.logs, outcome.transformers, outcome.agents
+            cell.method, cell.samples, rows, outcome.curve, outcome.transformers, outcome.agents
         )
         mean = sum(row["return_stochastic"] for row in rows) / len(rows)
         console.print(f"{label}: return {mean:.0f} in the target, {seconds:.0f} s", highlight=False)

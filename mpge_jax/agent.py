@@ -43,7 +43,8 @@ class AgentConfig:
         for name in ("num_envs", "steps_per_iteration", "updates_per_iteration", "random_steps"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}.")
-        needed = max(self.random_steps, self.num_envs * self.steps_per_iteration)
+        random_steps = -(-self.random_steps // self.num_envs) * self.num_envs
+        needed = max(random_steps, self.num_envs * self.steps_per_iteration)
         if self.buffer_capacity < needed:
             raise ValueError(
                 f"buffer_capacity of {self.buffer_capacity} does not hold the {needed} transitions of one collection."
@@ -54,8 +55,7 @@ class AgentConfig:
         return self.num_envs * self.steps_per_iteration
 
 
-@flax.struct.dataclass
-class AgentState:
+class AgentState(flax.struct.PyTreeNode):
     """Everything that an interrupted training needs to go on."""
 
     learner: SACState
@@ -67,7 +67,11 @@ class AgentState:
 
 
 def init(
-    key: jax.Array, env: Environment, config: AgentConfig, learner: SACState | None = None, bonus: RewardBonus | None = None
+    key: jax.Array,
+    env: Environment,
+    config: AgentConfig,
+    learner: SACState | None = None,
+    bonus: RewardBonus | None = None,
 ) -> AgentState:
     """A fresh agent (or one that goes on from `learner`) whose buffer holds `random_steps` random transitions.
 
@@ -157,7 +161,12 @@ def _collect(
 
 
 def evaluate(
-    key: jax.Array, env: Environment, actor: Actor, config: SACConfig, episodes: int = 50, stochastic: bool = False
+    key: jax.Array,
+    env: Environment,
+    actor: Actor,
+    config: SACConfig,
+    episodes: int = 50,
+    stochastic: bool = False,
 ) -> jax.Array:
     """Undiscounted returns `[episodes]` of whole episodes in `env`. `key` is consumed."""
     key_reset, key_act = jax.random.split(key)
@@ -167,12 +176,14 @@ def evaluate(
         env_state, total, alive = carry
         action = sac.act(actor, env_state.obs, key if stochastic else None, config)
         after = jax.vmap(env.step)(env_state, action)
-        total = total + alive * after.reward
+        total = total + jnp.where(alive > 0, after.reward, 0.0)
         # Episodes that are over stay where they ended, so that no diverging state reaches the engine.
         ended = alive * after.done
         keep = alive > 0
         env_state = jax.tree.map(
-            lambda new, old: jnp.where(keep.reshape(keep.shape + (1,) * (new.ndim - 1)), new, old), after, env_state
+            lambda new, old: jnp.where(keep.reshape(keep.shape + (1,) * (new.ndim - 1)), new, old),
+            after,
+            env_state,
         )
         return (env_state, total, alive - ended), None
 

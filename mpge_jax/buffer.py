@@ -7,13 +7,14 @@ rows in place instead of copying the whole ring.
 Shapes: `N` new transitions, `B` batch size, `O` observation size, `A` action size.
 """
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 from flax import struct
 
 
-@struct.dataclass
-class Transition:
+class Transition(struct.PyTreeNode):
     """What SAC learns from. Leading axes are free: `[N]`, `[B]`, `[capacity]`.
 
     There is no `truncated` here on purpose: a time limit does not change the value of `next_obs`, so nothing
@@ -48,8 +49,7 @@ def check_shapes(transitions: Transition, obs_size: int, action_size: int) -> No
             raise ValueError(f"{name} of the transitions must have shape {shape}, got {found}")
 
 
-@struct.dataclass
-class ReplayBuffer:
+class ReplayBuffer(struct.PyTreeNode):
     """A ring of transitions.
 
     Attributes:
@@ -112,7 +112,8 @@ def add_batch(buffer: ReplayBuffer, transitions: Transition) -> ReplayBuffer:
         dtype=jnp.float32,
     )
     index = (buffer.position + jnp.arange(count)) % buffer.capacity
-    return buffer.replace(
+    return replace(
+        buffer,
         rows=buffer.rows.at[index].set(new, unique_indices=True, mode="promise_in_bounds"),
         position=(buffer.position + count) % buffer.capacity,
         size=jnp.minimum(buffer.size + count, buffer.capacity),

@@ -7,7 +7,7 @@ of the network's output alone.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import flax.linen as nn
@@ -67,8 +67,7 @@ class DiscriminatorConfig:
                 )
 
 
-@struct.dataclass
-class Transitions:
+class Transitions(struct.PyTreeNode):
     """B transitions: `observation` `[B, O]`, `action` `[B, A]`, `next_observation` `[B, O]`.
 
     `action` is what the rollout policy asked for, in the grounded simulator too: never the transformed one.
@@ -79,8 +78,7 @@ class Transitions:
     next_observation: jax.Array
 
 
-@struct.dataclass
-class DiscriminatorState:
+class DiscriminatorState(struct.PyTreeNode):
     """A discriminator.
 
     Attributes:
@@ -199,7 +197,7 @@ def update(
     )
     change, optimiser = optax.adam(config.learning_rate).update(gradient, state.optimiser)
     params = optax.apply_updates(state.params, change)
-    return state.replace(params=params, optimiser=optimiser, stats=stats), metrics
+    return replace(state, params=params, optimiser=optimiser, stats=stats), metrics
 
 
 def loss(

@@ -27,7 +27,9 @@ def gaussian_entropy(log_std: jax.Array) -> jax.Array:
     return jnp.sum(log_std + 0.5 * (1.0 + _LOG_2PI), axis=-1)
 
 
-def gaussian_kl(mean_p: jax.Array, log_std_p: jax.Array, mean_q: jax.Array, log_std_q: jax.Array) -> jax.Array:
+def gaussian_kl(
+    mean_p: jax.Array, log_std_p: jax.Array, mean_q: jax.Array, log_std_q: jax.Array
+) -> jax.Array:
     """KL(p || q) in nats, summed over the last axis."""
     variance_ratio = jnp.exp(2.0 * (log_std_p - log_std_q))
     scaled = (mean_p - mean_q) * jnp.exp(-log_std_q)

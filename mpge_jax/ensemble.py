@@ -4,6 +4,7 @@ Shapes: `N` members; everything else as in `mpge_jax.grounding`.
 """
 
 import dataclasses
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,8 @@ def ground_ensemble(
     Raises:
       ValueError: as `ground`.
     """
+    _check_members(keys, rollout_policies, logs, start)
+    rollout_policies.check_fits(env, config.rollout)
     for member in range(keys.shape[0]):
         target_log.validate(jax.tree.map(lambda x, m=member: x[m], logs), env)
     actors = rollout_policies.actor
@@ -100,17 +103,22 @@ def ground_ensemble(
         key, key_error = jax.random.split(state.key)
         state, metrics = grounding.update(state.replace(key=key), env, actor, log, config)
         if truth is not None:
-            metrics |= transform_error.on_log(key_error, state.current, env, truth, log)
+            metrics |= transform_error.on_log(key_error, state.result, env, truth, log)
         return state, metrics
 
-    state = jax.jit(jax.vmap(first, in_axes=(0, 0, 0, None if start is None else 0)))(keys, actors, logs, start)
+    state = jax.jit(jax.vmap(first, in_axes=(0, 0, 0, None if start is None else 0)))(
+        keys, actors, logs, start
+    )
     step = jax.jit(jax.vmap(iterate), donate_argnums=0)
     identity = {
         "config": dataclasses.asdict(config),
         "env": env.name,
         "members": int(keys.shape[0]),
         "keys": np.asarray(jax.random.key_data(keys)).tolist(),
-        "log": float(np.sum(np.abs(np.asarray(logs.observation, np.float64)))),
+        "log": _digest(logs),
+        "policies": _digest(actors),
+        "truth": truth is not None,
+        "start": start is not None,
     }
 
     def note(metrics: dict[str, np.ndarray]) -> str:
@@ -128,7 +136,29 @@ def ground_ensemble(
         note=note,
         quiet=quiet,
     )
-    return state.current, curve
+    return state.result, curve
+
+
+def _check_members(
+    keys: jax.Array, policies: PolicySet, logs: TargetLog, start: Transformer | None
+) -> None:
+    given = {"rollout policies": policies.log_alpha, "target logs": logs.count}
+    if start is not None:
+        given["starting transformers"] = start.input_mean
+    for name, array in given.items():
+        if array.ndim != 2 or array.shape[0] != keys.shape[0]:
+            raise ValueError(
+                f"{keys.shape[0]} keys ask for as many {name}, stacked on a first axis; "
+                f"theirs are of shape {array.shape}"
+            )
+
+
+def _digest(tree: Any) -> str:
+    """Tells apart the data of two runs."""
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves(tree):
+        digest.update(np.asarray(leaf).tobytes())
+    return digest.hexdigest()
 
 
 def invert_ensemble(

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from envs import Env, State
 from mpge_jax import discriminator, ppo, sac, transformer, trpo, value
 from mpge_jax.discriminator import DiscriminatorConfig, DiscriminatorState, Transitions
-from mpge_jax.policy_gradient import Metrics, PolicyBatch
+from mpge_jax.policy_gradient import Metrics, Params, PolicyBatch
 from mpge_jax.ppo import PPOConfig, PPOState
 from mpge_jax.sac import Actor, SACConfig
 from mpge_jax.target_log import TargetLog
@@ -46,6 +46,9 @@ class GroundingConfig:
       value_heads, value_learning_rate, value_epochs, value_minibatch: the K value functions.
       restart_steps: 0 starts episodes as the task does, and they last as long as the task lets them; a number starts
         them in states of the target log and ends them after so many steps (this project's addition).
+      averaging: decay, an iteration, of the running average of pi_g's parameters that is the result; 0 takes the last
+        iterate. A trust-region step has one length however small the gradient, so the iterates end in a random walk
+        around the optimum, which the average does not.
       rollout: SAC configuration of the rollout policies (only their network matters here).
     """
 
@@ -63,15 +66,26 @@ class GroundingConfig:
     value_epochs: int = 5
     value_minibatch: int = 128
     restart_steps: int = 0
+    averaging: float = 0.0
     rollout: SACConfig = field(default_factory=SACConfig)
 
     def __post_init__(self) -> None:
-        names = ("num_envs", "steps_per_iteration", "iterations", "discriminator_updates", "discriminator_batch")
+        names = (
+            "num_envs",
+            "steps_per_iteration",
+            "iterations",
+            "discriminator_updates",
+            "discriminator_batch",
+        )
         for name in names:
             if getattr(self, name) < 1:
                 raise ValueError(f"GroundingConfig: {name} must be at least 1, got {getattr(self, name)}.")
         if self.restart_steps < 0:
-            raise ValueError(f"GroundingConfig: restart_steps must not be negative, got {self.restart_steps}.")
+            raise ValueError(
+                f"GroundingConfig: restart_steps must not be negative, got {self.restart_steps}."
+            )
+        if not 0.0 <= self.averaging < 1.0:
+            raise ValueError(f"GroundingConfig: averaging must lie in [0, 1), got {self.averaging}.")
         if self.value_minibatch > self.batch_size:
             raise ValueError(
                 f"GroundingConfig: value_minibatch of {self.value_minibatch} exceeds the batch of {self.batch_size}."
@@ -93,13 +107,13 @@ class GroundingConfig:
         )
 
 
-@flax.struct.dataclass
-class GroundingState:
+class GroundingState(flax.struct.PyTreeNode):
     """Everything that learning one transformer needs to go on.
 
     Attributes:
       transformer: pi_g; its parameters live in `policy`, see `current`.
       policy: state of TRPO or PPO.
+      average: running average of pi_g's parameters.
       value: the K value functions.
       discriminator: D.
       env_state: of B simulators.
@@ -109,6 +123,7 @@ class GroundingState:
 
     transformer: Transformer
     policy: TRPOState | PPOState
+    average: Params
     value: ValueState
     discriminator: DiscriminatorState
     env_state: State
@@ -117,8 +132,13 @@ class GroundingState:
 
     @property
     def current(self) -> Transformer:
-        """The transformer with its newest parameters."""
+        """The transformer with its newest parameters, which collects."""
         return self.transformer.replace(params=self.policy.params)
+
+    @property
+    def result(self) -> Transformer:
+        """The transformer that has been learned: the running average."""
+        return self.transformer.replace(params=self.average)
 
 
 def _algorithm(config: GroundingConfig) -> types.ModuleType:
@@ -152,6 +172,7 @@ def init(
     return GroundingState(
         transformer=pi_g,
         policy=_algorithm(config).init(pi_g.params, config.policy),
+        average=jax.tree.map(jnp.copy, pi_g.params),
         value=value.init(key_value, env.observation_size + env.action_size, config.value(size)),
         discriminator=discriminator.init(
             key_discriminator, env.observation_size, env.action_size, config.discriminator
@@ -191,8 +212,10 @@ def update(
     heads, value_metrics = value.update(
         state.value, inputs, rows.rollout_policy, rewards, key_value, value_config
     )
+    decay = config.averaging
     state = state.replace(
         policy=policy,
+        average=jax.tree.map(lambda a, p: decay * a + (1.0 - decay) * p, state.average, policy.params),
         value=heads,
         discriminator=learned,
         env_state=env_state,
@@ -206,8 +229,7 @@ def update(
     return state, metrics
 
 
-@flax.struct.dataclass
-class _Rows:
+class _Rows(flax.struct.PyTreeNode):
     observation: jax.Array
     action: jax.Array
     next_observation: jax.Array
@@ -238,9 +260,7 @@ def _collect(
         ended = after.done > 0
         if config.restart_steps:
             ended = ended | (after.info["steps"] >= config.restart_steps)
-        fresh = jax.vmap(lambda k: _start(k, env, log, config))(
-            jax.random.split(key_start, config.num_envs)
-        )
+        fresh = jax.vmap(lambda k: _start(k, env, log, config))(jax.random.split(key_start, config.num_envs))
         carry = jax.tree.map(
             lambda new, old: jnp.where(ended.reshape(ended.shape + (1,) * (new.ndim - 1)), new, old),
             fresh,

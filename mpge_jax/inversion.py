@@ -38,7 +38,7 @@ class InversionConfig:
     iterations: int = 8
     difference: float = 5e-3
     learning_rate: float = 3e-3
-    weight_decay: float = 1e-3
+    weight_decay: float = 0.1
     epochs: int = 400
     minibatch_size: int = 128
 
@@ -50,8 +50,10 @@ class InversionConfig:
             raise ValueError(f"InversionConfig: weight_decay must not be negative, got {self.weight_decay}.")
 
 
-@flax.struct.dataclass
-class Inverted:
+_Search = tuple[jax.Array, jax.Array, jax.Array]
+
+
+class Inverted(flax.struct.PyTreeNode):
     """Actions that explain logged transitions.
 
     Attributes:
@@ -92,7 +94,7 @@ def invert(env: Env, log: TargetLog, config: InversionConfig) -> Inverted:
 
     delta = config.difference * (high - low)
 
-    def improve(carry: tuple[jax.Array, jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, ...], None]:
+    def improve(carry: _Search, _: None) -> tuple[_Search, None]:
         act, error, damping = carry
         # A step that would leave the box is taken inwards.
         signed = jnp.where(act + delta[None] > high[None], -delta[None], delta[None])
@@ -134,6 +136,8 @@ def regress(key: jax.Array, inverted: Inverted, config: InversionConfig) -> Tran
     pi_g = pi_g.replace(input_mean=mean, input_std=jnp.maximum(std, 1e-3))
     typical = jnp.nanmedian(jnp.where(inverted.weight > 0, inverted.misfit, jnp.nan))
     trust = inverted.weight / (1.0 + (inverted.misfit / jnp.maximum(typical, 0.01)) ** 2)
+    # Where the simulator diverges, as it may from a padding row's state, there is no misfit.
+    trust = jnp.where(jnp.isfinite(inverted.misfit), trust, 0.0)
     wanted = inverted.explained - inverted.action
     inputs = transformer.network_inputs(pi_g, inverted.observation, inverted.action)
 

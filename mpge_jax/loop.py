@@ -4,10 +4,14 @@ A checkpoint holds the whole state and the curve so far, and is written atomical
 started again with the same arguments ends with the same bits as one that was never interrupted.
 """
 
+import contextlib
 import json
 import logging
+import os
+import signal
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -52,6 +56,7 @@ def run(
 
     Raises:
       ValueError: `folder` holds a checkpoint of another run or of a longer one, or one that cannot be read.
+      KeyboardInterrupt: Ctrl-C, once the iteration that it fell into is finished and saved.
     """
     rows: list[dict[str, np.ndarray]] = []
     store = None if folder is None else _Store(Path(folder), identity or {})
@@ -64,23 +69,50 @@ def run(
             )
     last = time.monotonic()
     try:
-        with ProgressBar(title, iterations, len(rows), quiet) as bar:
+        with ProgressBar(title, iterations, len(rows), quiet) as bar, _postponed_interrupt() as interrupted:
             while len(rows) < iterations:
                 state, metrics = update(state)
                 rows.append({name: np.asarray(value) for name, value in metrics.items()})
                 bar.advance(note(rows[-1]))
                 due = time.monotonic() - last >= seconds_between_checkpoints
-                if store is not None and (due or len(rows) == iterations):
+                if store is not None and (due or interrupted() or len(rows) == iterations):
                     store.save(state, rows)
                     last = time.monotonic()
-    except KeyboardInterrupt:
-        if store is not None and rows:
-            store.save(state, rows)
-        raise
+                if interrupted():
+                    raise KeyboardInterrupt
     finally:
         if store is not None:
             store.close()
     return state, _stack(rows)
+
+
+@contextlib.contextmanager
+def _postponed_interrupt() -> Iterator[Callable[[], bool]]:
+    """Ctrl-C is noted, not raised; a second one is raised at once.
+
+    In the middle of an iteration there is no state to save: the old one is donated, the new one is not there yet.
+    """
+    asked = threading.Event()
+
+    def note(number: int, frame: Any) -> None:
+        if asked.is_set():
+            signal.default_int_handler(number, frame)
+        asked.set()
+        # Not print, which must not be entered from a signal handler.
+        os.write(2, b"\nstopping after this iteration; Ctrl-C again stops at once\n")
+
+    # Elsewhere Ctrl-C does not arrive, or its handling is somebody's own.
+    ours = (
+        threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )
+    if ours:
+        signal.signal(signal.SIGINT, note)
+    try:
+        yield asked.is_set
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _stack(rows: list[dict[str, np.ndarray]]) -> Curve:
@@ -97,7 +129,9 @@ class _Store:
         self._identity = json.loads(json.dumps(identity, sort_keys=True, default=str))
         self._manager = ocp.CheckpointManager(
             self._folder,
-            options=ocp.CheckpointManagerOptions(max_to_keep=2, enable_async_checkpointing=False, create=True),
+            options=ocp.CheckpointManagerOptions(
+                max_to_keep=2, enable_async_checkpointing=False, create=True
+            ),
         )
 
     def restore(self, state: S) -> tuple[S, list[dict[str, np.ndarray]]]:
@@ -109,11 +143,15 @@ class _Store:
         leaves, structure = jax.tree.flatten(state)
         template = {name: jax.ShapeDtypeStruct(x.shape, x.dtype) for name, x in _named(leaves).items()}
         try:
-            identity = self._manager.restore(step, args=ocp.args.Composite(identity=ocp.args.JsonRestore())).identity
+            identity = self._manager.restore(
+                step, args=ocp.args.Composite(identity=ocp.args.JsonRestore())
+            ).identity
         except Exception as error:
             raise ValueError(f"{here} cannot be read ({type(error).__name__}); {remedy}") from error
         if identity != self._identity:
-            names = sorted(k for k in {*identity, *self._identity} if identity.get(k) != self._identity.get(k))
+            names = sorted(
+                k for k in {*identity, *self._identity} if identity.get(k) != self._identity.get(k)
+            )
             raise ValueError(f"{here} is of another run: {', '.join(names)} differ; {remedy}")
         try:
             saved = self._manager.restore(

@@ -5,7 +5,6 @@ before it (`ER`). Files are plain npz in half precision: no pickles, no code.
 """
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +14,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mpge_jax import sac
+from envs import Environment
+from mpge_jax import files, sac
 from mpge_jax.sac import Actor, SACConfig, SACState
 
 KINDS = ("MS", "ER")
 
 
-@flax.struct.dataclass
-class PolicySet:
+class PolicySet(flax.struct.PyTreeNode):
     """K policies; every leaf has a leading axis K.
 
     Attributes:
@@ -46,9 +45,35 @@ class PolicySet:
         return tuple(layers[f"Dense_{i}"]["bias"].shape[-1] for i in range(len(layers) - 1))
 
     def select(self, indices: list[int]) -> "PolicySet":
-        """The policies `indices`, in that order."""
+        """The policies `indices`, in that order.
+
+        Raises:
+          ValueError: there is no such policy.
+        """
+        if not all(0 <= index < self.size for index in indices):
+            raise ValueError(f"policies {list(indices)} were asked for, this set has 0 to {self.size - 1}")
         chosen = np.asarray(indices)
         return jax.tree.map(lambda x: x[chosen], self)
+
+    def check_fits(self, env: Environment, config: SACConfig) -> None:
+        """Makes sure that these policies act in `env` and that `config` describes their networks.
+
+        Raises:
+          ValueError: they do not.
+        """
+        sizes = self.actor.params["params"]["Dense_0"]["kernel"].shape[-2], self.actor.action_scale.shape[-1]
+        if sizes != (env.observation_size, env.action_size):
+            raise ValueError(
+                f"the policies take {sizes[0]} observations and give {sizes[1]} actions, "
+                f"{env.name} has {env.observation_size} and {env.action_size}"
+            )
+        self._check_hidden(config)
+
+    def _check_hidden(self, config: SACConfig) -> None:
+        if tuple(config.hidden) != self.hidden:
+            raise ValueError(
+                f"the policies have hidden layers {self.hidden}, the configuration wants {config.hidden}"
+            )
 
     def learner(self, index: int, config: SACConfig) -> SACState:
         """A SAC learner that goes on from policy `index`: its actor, critics and temperature.
@@ -56,8 +81,7 @@ class PolicySet:
         Raises:
           ValueError: the configuration wants networks of other sizes.
         """
-        if tuple(config.hidden) != self.hidden:
-            raise ValueError(f"the policies have hidden layers {self.hidden}, the configuration wants {config.hidden}")
+        self._check_hidden(config)
         one = jax.tree.map(lambda x: x[index], self)
         return sac.warm_start(one.actor, one.critic, one.log_alpha, config)
 
@@ -68,29 +92,23 @@ def from_learners(state: SACState) -> PolicySet:
 
 
 def mean_entropy(policies: PolicySet, weights: jax.Array, obs: jax.Array, config: SACConfig) -> jax.Array:
-    """Mean Gaussian entropy before squashing, `[]`, of the policies with `weights [K]` 1 at `obs [O]`; 0 if none has."""
+    """Mean Gaussian entropy before squashing, `[]`, of the policies with `weights [K]` 1 at `obs [O]`; else 0."""
     entropies = jax.vmap(lambda actor: sac.policy_entropy(actor, obs, config))(policies.actor)
     return jnp.sum(weights * entropies) / jnp.maximum(jnp.sum(weights), 1.0)
 
 
 def save(path: Path | str, policies: PolicySet, about: dict[str, Any]) -> None:
     """Writes a set and what there is to know about it (JSON-serialisable), atomically."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     flat = flax.traverse_util.flatten_dict(
         {"actor": policies.actor.params, "critic": policies.critic}, sep="/"
     )
     arrays = {name: np.asarray(value, np.float16) for name, value in flat.items()}
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
-        np.savez_compressed(
-            file,
-            about=np.array(json.dumps(about)),
-            log_alpha=np.asarray(policies.log_alpha, np.float32),
-            action_scale=np.asarray(policies.actor.action_scale, np.float32),
-            **arrays,
-        )
-    os.replace(partial, path)
+    named = {
+        "about": np.array(json.dumps(about)),
+        "log_alpha": np.asarray(policies.log_alpha, np.float32),
+        "action_scale": np.asarray(policies.actor.action_scale, np.float32),
+    }
+    files.write_npz(path, {**named, **arrays})
 
 
 def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
@@ -102,7 +120,9 @@ def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
     """
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f"there is no policy set at {path}; `python -m experiments.pretrain` makes one")
+        raise FileNotFoundError(
+            f"there is no policy set at {path}; `python -m experiments.pretrain` makes one"
+        )
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
@@ -112,9 +132,16 @@ def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
             {name: jnp.asarray(value, jnp.float32) for name, value in arrays.items()}, sep="/"
         )
         actor = Actor(nested["actor"], jnp.asarray(scale))
-        return PolicySet(actor, nested["critic"], jnp.asarray(log_alpha)), about
+        loaded = PolicySet(actor, nested["critic"], jnp.asarray(log_alpha))
+        if {x.shape[0] for x in jax.tree.leaves(loaded)} != {loaded.size}:
+            raise ValueError("its arrays do not belong to one number of policies")
+        if not all(bool(jnp.all(jnp.isfinite(x))) for x in jax.tree.leaves(loaded)):
+            raise ValueError("a number in it is not finite")
+        return loaded, about
     except Exception as error:
-        raise ValueError(f"{path} is damaged or is not a policy set ({type(error).__name__}: {error})") from error
+        raise ValueError(
+            f"{path} is damaged or is not a policy set ({type(error).__name__}: {error})"
+        ) from error
 
 
 def shipped_path(task: str, kind: str) -> Path:

@@ -21,8 +21,7 @@ Metrics = dict[str, jax.Array]
 Distribution = Callable[[Params, jax.Array], tuple[jax.Array, jax.Array]]
 
 
-@struct.dataclass
-class PolicyBatch:
+class PolicyBatch(struct.PyTreeNode):
     """B decisions of the policy that is to be updated.
 
     Attributes:

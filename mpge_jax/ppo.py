@@ -1,6 +1,6 @@
 """Proximal policy optimisation, clipped objective (Schulman et al., 2017, https://arxiv.org/abs/1707.06347)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -42,8 +42,7 @@ class PPOConfig:
                 raise ValueError(f"PPOConfig: {name} must be positive, got {getattr(self, name)}.")
 
 
-@struct.dataclass
-class PPOState:
+class PPOState(struct.PyTreeNode):
     """A policy and the state of its optimiser."""
 
     params: Params
@@ -70,7 +69,7 @@ def update(
       after the update), `entropy` (nats, after the update), `gradient_norm` (mean over the steps, before
       shortening).
     """
-    batch = batch.replace(advantages=standardise(batch.advantages))
+    batch = replace(batch, advantages=standardise(batch.advantages))
     optimiser = _optimiser(config)
 
     def log_ratio(params: Params, rows: PolicyBatch) -> jax.Array:

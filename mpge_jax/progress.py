@@ -5,7 +5,14 @@ import time
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 
 class ProgressBar:
@@ -64,5 +71,7 @@ class ProgressBar:
             self._last_line = now
             left = (now - self._start) / (self._done - self._first) * (self._total - self._done)
             self._console.print(
-                f"{self._title}: {self._done}/{self._total}, {left:.0f} s left  {note}", soft_wrap=True, highlight=False
+                f"{self._title}: {self._done}/{self._total}, {left:.0f} s left  {note}",
+                soft_wrap=True,
+                highlight=False,
             )

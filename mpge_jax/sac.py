@@ -17,7 +17,7 @@ with the temperature from before the step.
 Shapes: `B` batch size, `O` observation size, `A` action size.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -79,8 +79,7 @@ class SACConfig:
             raise ValueError(f"batch_size must be at least 1, got {self.batch_size}")
 
 
-@struct.dataclass
-class Actor:
+class Actor(struct.PyTreeNode):
     """A policy: all that is needed to act.
 
     Attributes:
@@ -92,8 +91,7 @@ class Actor:
     action_scale: jax.Array
 
 
-@struct.dataclass
-class SACState:
+class SACState(struct.PyTreeNode):
     """All that learning needs to go on.
 
     Attributes:
@@ -248,14 +246,14 @@ def update(
     critic = optax.apply_updates(state.critic, updates)
 
     def actor_loss_fn(params: Any) -> tuple[jax.Array, jax.Array]:
-        actor = state.actor.replace(params=params)
+        actor = replace(state.actor, params=params)
         squashed, log_prob, _ = tanh_gaussian_sample(actor_key, *distribution(actor, batch.obs, config))
         q = q_values(critic, batch.obs, _scaled(actor, squashed), config).min(axis=0)
         return (alpha * log_prob - q).mean(), log_prob
 
     (actor_loss, log_prob), grads = jax.value_and_grad(actor_loss_fn, has_aux=True)(state.actor.params)
     updates, actor_opt = optax.adam(config.actor_lr).update(grads, state.actor_opt)
-    actor = state.actor.replace(params=optax.apply_updates(state.actor.params, updates))
+    actor = replace(state.actor, params=optax.apply_updates(state.actor.params, updates))
 
     # d/d(log alpha) of -log_alpha * (log_prob + target_entropy): up where the entropy is below its target.
     alpha_grad = -(log_prob + target_entropy).mean()

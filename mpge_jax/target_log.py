@@ -3,7 +3,6 @@
 Shapes: `K` rollout policies, `M` the largest number of transitions of one of them, `O` observation, `A` action size.
 """
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from envs import AutoReset, Environment, State
-from mpge_jax import sac
+from mpge_jax import files, sac
 from mpge_jax.policies import PolicySet
 from mpge_jax.sac import Actor, SACConfig
 
 
-@flax.struct.dataclass
-class TargetLog:
+class TargetLog(flax.struct.PyTreeNode):
     """Transitions `(s, a, s')` of K policies, rows beyond a policy's own count are padding.
 
     `next_observation` of a row that ended an episode is the state truly reached, never the next episode's first.
@@ -60,11 +58,14 @@ def collect(
     Where the budget does not divide, the first policies take one step more. `key` is consumed.
 
     Raises:
-      ValueError: the budget is smaller than the number of policies.
+      ValueError: the budget is smaller than the number of policies, or these are policies of another task.
     """
+    policies.check_fits(env, config)
     size = policies.size
     if budget < size:
-        raise ValueError(f"a budget of {budget} target steps is smaller than the number of rollout policies, {size}")
+        raise ValueError(
+            f"a budget of {budget} target steps is smaller than the number of rollout policies, {size}"
+        )
     each, rest = divmod(budget, size)
     wrapped = AutoReset(env)
 
@@ -89,7 +90,8 @@ def collect(
         if rest == 0:
             return rows
         some = jax.tree.map(lambda x: x[:rest], (*carry, actor))
-        *_, last = jax.vmap(step)(*some, jax.random.split(key_rest, rest))
+        state, episode, actor = some
+        *_, last = jax.vmap(step)(state, episode, actor, jax.random.split(key_rest, rest))
 
         def append(all_: jax.Array, more: jax.Array) -> jax.Array:
             padded = jnp.zeros((size, 1, *more.shape[1:]), more.dtype).at[:rest, 0].set(more)
@@ -112,6 +114,11 @@ def validate(log: TargetLog, env: Environment) -> None:
       ValueError: an empty log, shapes that do not fit `env`, or a value that is not finite; says where.
     """
     count = np.asarray(log.count)
+    if count.ndim != 1 or np.ndim(log.observation) != 3:
+        raise ValueError(
+            "target log: count and observation need shapes [K] and [K, M, O], "
+            f"got {count.shape} and {np.shape(log.observation)}"
+        )
     policies, most = count.shape[0], log.observation.shape[1]
     wanted = {
         "observation": (policies, most, env.observation_size),
@@ -133,19 +140,14 @@ def validate(log: TargetLog, env: Environment) -> None:
         for k in range(policies):
             bad = ~np.isfinite(values[k, : count[k]]).all(axis=-1)
             if bad.any():
-                raise ValueError(f"target log: {name} of policy {k} is not finite in row {int(np.argmax(bad))}")
+                raise ValueError(
+                    f"target log: {name} of policy {k} is not finite in row {int(np.argmax(bad))}"
+                )
 
 
 def save(path: Path | str, log: TargetLog) -> None:
     """Writes the log as npz, atomically."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
-        np.savez_compressed(
-            file, **{name: np.asarray(getattr(log, name)) for name in (*_ROW_FIELDS, "count")}
-        )
-    os.replace(partial, path)
+    files.write_npz(path, {name: getattr(log, name) for name in (*_ROW_FIELDS, "count")})
 
 
 def load(path: Path | str) -> TargetLog:
@@ -162,5 +164,7 @@ def load(path: Path | str) -> TargetLog:
         with np.load(path, allow_pickle=False) as file:
             fields = {name: jnp.asarray(file[name]) for name in (*_ROW_FIELDS, "count")}
     except Exception as error:
-        raise ValueError(f"{path} is damaged or is not a target log ({type(error).__name__}: {error})") from error
+        raise ValueError(
+            f"{path} is damaged or is not a target log ({type(error).__name__}: {error})"
+        ) from error
     return TargetLog(**fields)

@@ -28,7 +28,9 @@ def truth_of(target: Env) -> Truth | None:
     return lambda action: change(action, jnp.asarray(target.action_low), jnp.asarray(target.action_high))
 
 
-def mean_error(pi_g: Transformer, env: Env, truth: Truth, observation: jax.Array, action: jax.Array) -> jax.Array:
+def mean_error(
+    pi_g: Transformer, env: Env, truth: Truth, observation: jax.Array, action: jax.Array
+) -> jax.Array:
     """Mean L2 distance, `[]`, between pi_g and the truth at `observation [B, O]`, `action [B, A]`."""
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
     given = transformer.deterministic(pi_g, observation, action, low, high)

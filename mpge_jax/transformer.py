@@ -36,8 +36,7 @@ class TransformerConfig:
             )
 
 
-@struct.dataclass
-class Transformer:
+class Transformer(struct.PyTreeNode):
     """An action transformer.
 
     Attributes:

@@ -45,8 +45,7 @@ class TRPOConfig:
             raise ValueError(f"TRPOConfig: damping must not be negative, got {self.damping}.")
 
 
-@struct.dataclass
-class TRPOState:
+class TRPOState(struct.PyTreeNode):
     """TRPO remembers nothing but the policy."""
 
     params: Params
@@ -98,7 +97,7 @@ def update(
         "entropy": jnp.mean(gaussian_entropy(distribution(params, batch.inputs[:1])[1])),
         "gradient_norm": jnp.linalg.norm(gradient),
     }
-    return state.replace(params=params), metrics
+    return TRPOState(params=params), metrics
 
 
 def fisher_vector_product(
@@ -163,11 +162,13 @@ def line_search(
       `(fraction, surrogate, kl)`, each `[]`, at the accepted step; `(0, before, 0)` where none was.
     """
 
-    def searching(carry: tuple[jax.Array, ...]) -> jax.Array:
+    Carry = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+
+    def searching(carry: Carry) -> jax.Array:
         tries, fraction, _, _ = carry
         return (tries < config.line_search_steps) & (fraction == 0.0)
 
-    def attempt(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+    def attempt(carry: Carry) -> Carry:
         tries, _, _, _ = carry
         fraction = 0.5**tries
         after, kl = surrogate_and_kl(flat + fraction * full_step)

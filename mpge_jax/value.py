@@ -51,8 +51,7 @@ class ValueConfig:
         return self.policies if self.heads == "separate" else 1
 
 
-@struct.dataclass
-class ValueState:
+class ValueState(struct.PyTreeNode):
     """Parameters, every leaf `[H, ...]`, and the state of their optimiser."""
 
     params: Params
@@ -120,7 +119,8 @@ def update(
         "value_loss": jnp.mean(errors.reshape(config.epochs, -1)[-1]),
         "explained_variance": 1.0 - unexplained / jnp.maximum(jnp.var(returns), 1e-8),
     }
-    return new_state.replace(params=jax.tree.map(keep_absent, new_state.params, state.params)), metrics
+    params = jax.tree.map(keep_absent, new_state.params, state.params)
+    return ValueState(params=params, optimiser=new_state.optimiser), metrics
 
 
 def _features_and_head(

@@ -133,16 +133,17 @@ def test_line_search_stops_after_its_last_try():
     assert search(lambda x: x, lambda x: needed * x, line_search_steps=9)[0] == 0.0
 
 
-def test_step_is_the_scaled_natural_gradient():
+@pytest.mark.parametrize("stride", [1, 5])
+def test_step_is_the_scaled_natural_gradient(stride):
     params, batch = random_policy()
-    config = trpo.TRPOConfig(fisher_stride=1, cg_iterations=200, max_kl=1e-4, damping=0.1)
+    config = trpo.TRPOConfig(fisher_stride=stride, cg_iterations=200, max_kl=1e-4, damping=0.1)
     state, metrics = update(trpo.init(params, config), batch, jax.random.key(0), transformer.apply, config)
     flat, unravel = ravel_pytree(params)
     advantages = (batch.advantages - batch.advantages.mean()) / batch.advantages.std()
     gradient = jax.grad(
         lambda p: jnp.mean(jnp.exp(log_prob(unravel(p), batch) - batch.log_probs) * advantages)
     )(flat)
-    fisher = np.asarray(explicit_fisher(params, batch.inputs), np.float64) + 0.1 * np.eye(flat.size)
+    fisher = np.asarray(explicit_fisher(params, batch.inputs[::stride]), np.float64) + 0.1 * np.eye(flat.size)
     direction = np.linalg.solve(fisher, np.asarray(gradient, np.float64))
     expected = direction * np.sqrt(2 * 1e-4 / (direction @ fisher @ direction))
     taken = ravel_pytree(state.params)[0] - flat
@@ -165,27 +166,6 @@ def test_metrics_describe_the_step():
     assert gained > 0
     expected = float(state.params["log_std"].sum()) + 0.5 * np.log(2 * np.pi * np.e)
     assert float(metrics["entropy"]) == pytest.approx(expected, rel=1e-5)
-
-
-def test_fisher_stride_counts_every_fifth_row():
-    # Rows that the stride skips may be anything at all as far as the Fisher matrix goes: same step direction.
-    params, batch = random_policy()
-    _, dense = update(
-        trpo.init(params, trpo.TRPOConfig()),
-        jax.tree.map(lambda x: x[::5], batch),
-        jax.random.key(0),
-        transformer.apply,
-        trpo.TRPOConfig(fisher_stride=1),
-    )
-    repeated = jax.tree.map(lambda x: jnp.repeat(x[::5], 5, axis=0), batch)
-    _, strided = update(
-        trpo.init(params, trpo.TRPOConfig()),
-        repeated,
-        jax.random.key(0),
-        transformer.apply,
-        trpo.TRPOConfig(),
-    )
-    assert float(strided["kl"]) == pytest.approx(float(dense["kl"]), rel=1e-3)
 
 
 @pytest.mark.parametrize("advantages", [jnp.full(40, 7.0), jnp.full(40, jnp.nan)])

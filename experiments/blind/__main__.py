@@ -8,7 +8,7 @@ Seeds: 1 to 99 are for building and tuning, 100 and above for reporting; a repor
 """
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -23,8 +23,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from experiments.blind.build import build
 from experiments.blind.build import Counts as CaseCounts
+from experiments.blind.build import build
 from experiments.blind.run import run_all
 from experiments.blind.score import write_score
 
@@ -37,7 +37,7 @@ class Build:
     """Cases go to OUT/cases (model.xml and recordings), answers to OUT/answers."""
     seed: int
     """1 to 99 for building and tuning, from 100 on for reporting."""
-    counts: Annotated[CaseCounts, tyro.conf.arg(name="")] = CaseCounts()
+    counts: Annotated[CaseCounts, tyro.conf.arg(name="")] = field(default_factory=CaseCounts)
     answers: Path | None = None
     """Another folder for the answers."""
 

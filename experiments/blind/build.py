@@ -94,14 +94,16 @@ def draw_machine(robot: Robot, wish: Wish, xml: Path, rng: np.random.Generator) 
 
 def draw_effects(bench: Bench, wish: Wish, rng: np.random.Generator) -> list[Effect]:
     """The wished effects at random places, each visible by itself."""
-    robot, effects = bench.machine.robot, []
+    robot = bench.machine.robot
+    effects: list[Effect] = []
     for name in wish.effects:
         free = [at for at in robot.places[name] if at not in {e.at for e in effects} or at == "world"]
         if not free:
             raise Unfit("no place left for another effect")
         at = str(rng.choice(free))
         effects.append(draw_visible(bench, name, at, rng, unknown=wish.kind == "unknown"))
-    if len(effects) > 1 and bench.visibility(effects)[1] > 2:
+    together = bench.look(effects) if len(effects) > 1 else None
+    if len(effects) > 1 and (together is None or together.share > 2):
         raise Unfit("together they change the motion beyond recognition")
     return effects
 

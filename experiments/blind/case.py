@@ -2,15 +2,13 @@
 
 from dataclasses import dataclass, field
 
-import mujoco
 import numpy as np
 
 from experiments.blind.draws import Place, draw
-from experiments.blind.equivalence import drive_train, twins_of
+from experiments.blind.equivalence import actuators, drive_train, twins_of
 from experiments.blind.machine import Machine
 from experiments.blind.plant import Unstable
 from experiments.blind.separability import distinct_share
-from experiments.blind.simulate import Trajectory
 from experiments.blind.statistics import Statistics
 from experiments.blind.vocabulary import Effect
 from experiments.blind.windows import rms, window_errors
@@ -19,6 +17,10 @@ WEAKEST, STRONGEST = 12.0, 250.0  # window error over what noise and time step e
 DISTINCT = 4.0  # the part of it that no simpler effect can imitate
 LEAST = 3e-4  # rad: with very good sensors a floor all the same, so that effects have a physical size
 RANGE = 0.6  # window error over the spread of the motion, at most
+SMALLEST, LARGEST = 0.2, 12.0  # sizes, 1 being typical
+STILL = 0.03  # rad/s
+CHAOS = 60.0  # growth of an error in a window's start, at most
+SMOOTHED = 0.3  # of the measurement noise is left in a smoothed start
 TRIALS = 7
 
 
@@ -26,12 +28,34 @@ class Unfit(RuntimeError):
     """No visible size was found here; draw another place or machine."""
 
 
+@dataclass(frozen=True)
+class Look:
+    """Window errors of the nominal model on a machine with hidden physics.
+
+    seen: over what noise and time step explain, at the worst joint; share: over the spread of the motion; distinct:
+    the part of `seen` that no simpler effect can imitate.
+    """
+
+    seen: float
+    share: float
+    distinct: float
+
+    @property
+    def weak(self) -> bool:
+        """Not visible, or not to be told from something simpler."""
+        return self.seen < WEAKEST or self.distinct < DISTINCT
+
+    @property
+    def strong(self) -> bool:
+        """Trivially large."""
+        return self.seen > STRONGEST or self.share > RANGE
+
+
 @dataclass
 class Bench:
     """A machine, its nominal runs on the checking recordings, and the errors that noise and time step explain."""
 
     machine: Machine
-    runs: list[Trajectory]
     floor: np.ndarray
     spread: np.ndarray
     stats: Statistics
@@ -39,41 +63,42 @@ class Bench:
 
     @classmethod
     def of(cls, machine: Machine) -> "Bench":
-        """Runs the nominal machine; raises Unfit where it does not move as it should."""
+        """Runs the nominal machine; raises Unfit where it does not move as it should or its windows are chaotic."""
         model = machine.model
         try:
             runs = [machine.record(plan) for plan in machine.checking]
         except Unstable as reason:
             raise Unfit(str(reason)) from None
-        mismatch = rms(np.concatenate([window_errors(model, run) for run in runs]))
-        spread = np.max([run.qvel.std(0) for run in runs], 0) * 0.3
-        driven = np.median([run.qvel[len(run.qvel) // 2 :].std(0) for run in runs], 0)
-        if (driven < 0.02).any() or not (mismatch < 0.1).all():
-            raise Unfit("the nominal machine stands still, or its windows are chaotic")
-        floor = np.hypot(machine.sensors.floor(model), mismatch)
+        if np.median([run.qvel[len(run.qvel) // 2 :].std(0) for run in runs]) < STILL:
+            raise Unfit("the nominal machine stands still")
+        errors = np.concatenate([window_errors(model, run) for run in runs])
+        noise = machine.sensors.floor(model)
+        nudge = np.maximum(noise, 1e-4 * machine.sensors.scale(model))
+        nudged = np.concatenate([window_errors(model, run, nudge=nudge) for run in runs])
+        growth = rms(nudged - errors) / nudge
+        if not (growth < CHAOS).all():
+            raise Unfit("the windows are chaotic")
+        floor = np.sqrt(noise**2 + (SMOOTHED * noise * growth) ** 2 + rms(errors) ** 2)
         floor = np.maximum(floor, LEAST * machine.sensors.scale(model))
-        return cls(machine, runs, floor, spread, Statistics(model, runs))
+        spread = np.max([run.qvel.std(0) for run in runs], 0) * 0.3 + 1e-6
+        return cls(machine, floor, spread, Statistics(model, runs))
 
-    def visibility(self, effects: list[Effect]) -> tuple[float, float, list[Trajectory]]:
-        """(error over the floor, error over the motion's spread) of the nominal model's windows, and the runs."""
-        runs = [self.machine.record(plan, effects) for plan in self.machine.checking]
+    def look(self, effects: list[Effect]) -> Look | None:
+        """How visible hidden physics is on the checking recordings; None when the machine runs away."""
+        try:
+            runs = [self.machine.record(plan, effects) for plan in self.machine.checking]
+        except Unstable:
+            return None
         errors = rms(np.concatenate([window_errors(self.machine.model, run) for run in runs]))
-        return float((errors / self.floor).max()), float((errors / (self.spread + 1e-6)).max()), runs
+        seen = float((errors / self.floor).max())
+        distinct = seen * min(distinct_share(e, self.machine.model, runs) for e in effects)
+        return Look(seen, float((errors / self.spread).max()), distinct)
 
 
 def place(bench: Bench, at: str, rng: np.random.Generator) -> Place:
     """A place on the bench's machine; actuators go by name or, nameless, by their joint."""
-    model, machine = bench.machine.model, bench.machine
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, at)
-    if index < 0:
-        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, at)
-        on = (
-            np.flatnonzero((model.actuator_trnid[:, 0] == joint) & (model.actuator_trntype == 0))
-            if joint >= 0
-            else []
-        )
-        index = int(on[0]) if len(on) else -1
-    return Place(machine.robot, bench.stats, at, index, machine.dt, int(rng.integers(2**31)))
+    index = actuators(bench.machine.model).get(at, -1)
+    return Place(bench.machine.robot, bench.stats, at, index, bench.machine.dt, int(rng.integers(2**31)))
 
 
 def draw_visible(
@@ -81,44 +106,27 @@ def draw_visible(
 ) -> Effect:
     """An effect whose window error is a random number of floors; raises Unfit after a few trials."""
     where, wish = place(bench, at, rng), float(np.exp(rng.uniform(np.log(20), np.log(110))))
-    size = 1.0
+    size, best = 1.0, None
     for _ in range(TRIALS):
         candidate = draw(effect, where, size, unknown)
-        try:
-            seen, share, runs = bench.visibility([candidate])
-        except Unstable:
-            size *= 0.4
-            continue
-        distinct = seen * distinct_share(candidate, bench.machine.model, runs)
-        strong = seen <= STRONGEST and share <= RANGE
-        if effect == "dead_actuator" and seen >= WEAKEST:
-            return candidate
-        if distinct < DISTINCT or seen < WEAKEST:
-            if share > RANGE:
-                break
-            factor = max(WEAKEST / seen, DISTINCT / max(distinct, 1e-3), 1.15) ** 0.8 * 1.1
-        elif not strong:
-            factor = max(min(STRONGEST / seen, RANGE / share) ** 0.8 * 0.9, 0.2)
-        elif 0.5 * wish < seen < 2 * wish or share > 0.6 * RANGE:
-            bench.found[effect] = seen
-            return candidate
+        look = bench.look([candidate])
+        if look is None:
+            factor = 0.4
+        elif look.weak:
+            factor = max(WEAKEST / look.seen, DISTINCT / max(look.distinct, 1e-3), 1.15) ** 0.8 * 1.1
+        elif look.strong and effect != "dead_actuator":
+            factor = min(STRONGEST / look.seen, RANGE / look.share) ** 0.8 * 0.9
         else:
-            factor = (wish / seen) ** 0.8
-        new = size * min(max(factor, 0.15), 4.0)
-        if draw(effect, where, new, unknown) == candidate:
+            best, factor = (candidate, look.seen), (wish / look.seen) ** 0.8
+            if 0.5 * wish < look.seen < 2 * wish:
+                break
+        size = min(max(size * min(max(factor, 0.15), 4.0), SMALLEST), LARGEST)
+        if draw(effect, where, size, unknown) == candidate:
             break
-        size = new
-    else:
-        candidate = draw(effect, where, size, unknown)
-        try:
-            seen, share, runs = bench.visibility([candidate])
-        except Unstable as reason:
-            raise Unfit(str(reason)) from None
-        distinct = seen * distinct_share(candidate, bench.machine.model, runs)
-    if WEAKEST <= seen <= STRONGEST and share <= RANGE and distinct >= DISTINCT:
-        bench.found[effect] = seen
-        return candidate
-    raise Unfit(f"{effect} at {at} is not visible at a sensible size on {bench.machine.robot.name}")
+    if best is None:
+        raise Unfit(f"{effect} at {at} has no visible and sensible size on {bench.machine.robot.name}")
+    bench.found[effect] = best[1]
+    return best[0]
 
 
 def answer(bench: Bench, kind: str, effects: list[Effect]) -> dict:
@@ -126,10 +134,10 @@ def answer(bench: Bench, kind: str, effects: list[Effect]) -> dict:
     machine, model = bench.machine, bench.machine.model
     known = [e for e in effects if not e.unknown]
     strange = [e for e in effects if e.unknown]
-    names = {at for e in effects for at in (e.at,)}
+    names = {e.at for e in effects}
     twins = [twins_of(machine.robot, model, e, machine.sensors.force_noise is not None) for e in known]
-    ways = machine.sensors.ways() + [f"true step {machine.dt} s, {machine.integrator}"]
-    ways += ["open loop" if machine.open_loop else "closed loop"]
+    ways = [*machine.sensors.ways(), f"true step {machine.dt} s, {machine.integrator}"]
+    ways.append("open loop" if machine.open_loop else "closed loop")
     return {
         "schema": 1,
         "kind": kind,

@@ -4,6 +4,7 @@ They know the nominal model only. A controller is called once for every recorded
 the next one.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -28,7 +29,8 @@ class VelocityEstimate:
     """Filtered differences of measured positions."""
 
     def __init__(self, model: mujoco.MjModel):
-        self.model, self.last, self.v = model, None, np.zeros(model.nv)
+        self.model, self.v = model, np.zeros(model.nv)
+        self.last: tuple[float, Array] | None = None
 
     def update(self, t: float, q: Array) -> Array:
         """Velocity [nv] after the measurement q at time t."""
@@ -170,11 +172,17 @@ class Push:
         force = mass * (
             self.ref.a[row, :2] + w**2 * (self.ref.q[row, :2] - q[:2]) + w * (self.ref.v[row, :2] - v[:2])
         )
-        heading = 2 * np.arctan2(q[6], q[3])
-        yaw = 0.05 * w**2 * (self.ref.q[row, 3] - heading) + 0.05 * w * (self.ref.v[row, 3] - v[5])
+        yaw = 0.05 * w**2 * (self.ref.q[row, 3] - q[3]) + 0.05 * w * (self.ref.v[row, 3] - v[3])
         weight = mass * 9.81
         friction = 0.4 * max(weight - weight * self.ref.q[row, 2], 0.0) * np.tanh(self.ref.v[row, :2] / 0.05)
         return np.array([*(force + friction), weight * self.ref.q[row, 2], yaw])
 
 
-CONTROLLERS = {"torque": Torque, "servo": Servo, "joints": Joints, "cart": Cart, "drone": Drone, "push": Push}
+CONTROLLERS: dict[str, Callable[[mujoco.MjModel, Reference, float], Controller]] = {
+    "torque": Torque,
+    "servo": Servo,
+    "joints": Joints,
+    "cart": Cart,
+    "drone": Drone,
+    "push": Push,
+}

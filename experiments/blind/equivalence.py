@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from experiments.blind.models import Robot
+from experiments.blind.robot import Robot
 from experiments.blind.vocabulary import Effect
 
 PARALLEL_AXES = ("pendulum", "twolink")  # fixed base, every joint axis parallel
@@ -54,7 +54,7 @@ def drive_train(model: mujoco.MjModel, at: str) -> set[str]:
     names = {at}
     if at in _joint_names(model):
         joints = [at]
-    elif at in _actuators(model):
+    elif at in actuators(model):
         joint = _joint_of(model, at)
         joints = [joint] if joint else []
     elif mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, at) > 0:
@@ -75,7 +75,7 @@ def _is_joint_motor(model: mujoco.MjModel, i: int) -> bool:
     return int(model.actuator_trntype[i]) == int(mujoco.mjtTrn.mjTRN_JOINT)
 
 
-def _actuators(model: mujoco.MjModel) -> dict[str, int]:
+def actuators(model: mujoco.MjModel) -> dict[str, int]:
     """Actuators by the name that reports use: their own, or else that of the joint which they drive."""
     names = {}
     for i in range(model.nu):
@@ -85,12 +85,12 @@ def _actuators(model: mujoco.MjModel) -> dict[str, int]:
 
 
 def _joint_of(model: mujoco.MjModel, actuator: str) -> str:
-    i = _actuators(model)[actuator]
+    i = actuators(model)[actuator]
     return model.joint(int(model.actuator_trnid[i, 0])).name if _is_joint_motor(model, i) else ""
 
 
 def _actuators_of(model: mujoco.MjModel, joint: str) -> list[str]:
-    return [name for name in _actuators(model) if _joint_of(model, name) == joint]
+    return [name for name in actuators(model) if _joint_of(model, name) == joint]
 
 
 def _body_of(model: mujoco.MjModel, joint: str) -> str:

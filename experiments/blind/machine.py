@@ -9,11 +9,12 @@ import numpy as np
 
 from experiments.blind.control import CONTROLLERS, Controller
 from experiments.blind.excitation import reference
-from experiments.blind.models import Robot
 from experiments.blind.physics import stages_of
-from experiments.blind.plant import Plant, Stages
+from experiments.blind.plant import Plant
+from experiments.blind.robot import Robot
 from experiments.blind.sensors import Sensors
 from experiments.blind.simulate import Trajectory, simulate
+from experiments.blind.stages import Stages
 from experiments.blind.vocabulary import Effect
 
 WARMUP = 1.0  # s, run before the first recorded row, so that recordings do not start at rest
@@ -58,7 +59,7 @@ class Machine:
         """One recording with the given hidden physics; raises Unstable if the machine runs away."""
         rng = np.random.default_rng(plan.seed)
         ticks = self.sensors.ticks(self.period, plan.duration + WARMUP, self.dt, rng)
-        times = ticks * self.dt
+        times = np.asarray(ticks * self.dt, float)
         centres, spans = np.array(self.robot.references).T
         ref = reference(plan.kind, rng, times, centres, spans, self.robot.top)
         start, velocity = self.model.qpos0.copy(), np.zeros(self.model.nv)
@@ -66,14 +67,13 @@ class Machine:
             start, velocity = ref.q[0].copy(), ref.v[0].copy()
         for joint, value in self.robot.start.items():
             start[self.model.joint(joint).qposadr[0]] = value
-        controller: Controller | np.ndarray = CONTROLLERS[self.robot.controller](
-            self.model, ref, self.bandwidth
-        )
+        controller = CONTROLLERS[self.robot.controller](self.model, ref, self.bandwidth)
+        commands: Controller | np.ndarray = controller
         warmup = int(np.searchsorted(times, WARMUP))
         if self.open_loop:
-            controller = self._replayed(plan, controller, ticks, (start, velocity))
+            commands = self._replayed(plan, controller, ticks, (start, velocity))
         plant = Plant(str(self.xml), self.dt, self.integrator, stages_of(effects))
-        return simulate(plant, controller, ticks, warmup, (start, velocity), self.sensors, rng)
+        return simulate(plant, commands, ticks, warmup, (start, velocity), self.sensors, rng)
 
     def _replayed(self, plan: Plan, controller: Controller, ticks: np.ndarray, start: tuple) -> np.ndarray:
         """The commands that the controller gives to the nominal machine, noise-free."""

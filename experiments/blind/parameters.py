@@ -40,7 +40,8 @@ def _one(effect: str, name: str, truth, entry, plane: list[int]) -> Compared:
         return Compared(effect, name, np.inf, ())
     try:
         t = np.atleast_1d(np.asarray(truth, float))
-        v, low, high = (_array(entry.get(key)) for key in ("value", "low", "high"))
+        v = np.atleast_1d(np.asarray(entry["value"], float))
+        low, high = _array(entry.get("low")), _array(entry.get("high"))
         if name == "axis":
             angle = float(np.arccos(np.clip(t @ v / np.linalg.norm(v), -1, 1)))
             return Compared(effect, name, angle, ())

@@ -5,12 +5,11 @@ gain, clip...) is explicit. Dry friction is an impulse-level projection (Moreau'
 exactly the stated level when sliding.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from experiments.blind.stages import Stages
 
 Array = NDArray[np.float64]
 Joint = mujoco.mjtObj.mjOBJ_JOINT
@@ -18,49 +17,6 @@ Joint = mujoco.mjtObj.mjOBJ_JOINT
 
 class Unstable(RuntimeError):
     """The simulated machine left every sensible range; draw another one."""
-
-
-@dataclass
-class DryFriction:
-    """A dry force on one degree of freedom, within [-forward, +backward] as `level(velocity, load)` says."""
-
-    dof: int
-    level: Callable[[float, float], tuple[float, float]]
-    actuators: list[tuple[int, float]]  # (index, gear): what drives this joint
-
-
-@dataclass
-class History:
-    """True states of every sub-step so far: row `now` is the present one; `qpos` [S, nq], `qvel` [S, nv]."""
-
-    qpos: Array
-    qvel: Array
-    now: int = 0
-
-
-@dataclass
-class Stages:
-    """Everything that effects add. Callables are run in every sub-step, in the order in which they were added."""
-
-    spec: list[Callable[[mujoco.MjSpec], None]] = field(default_factory=list)  # before compilation
-    model: list[Callable[["Plant"], None]] = field(default_factory=list)  # after compilation
-    command: list[Callable[["Plant", Array], Array]] = field(
-        default_factory=list
-    )  # command -> delayed command
-    force: list[Callable[["Plant", Array], Array]] = field(
-        default_factory=list
-    )  # actuator force -> actuator force
-    joint: list[Callable[["Plant", Array], None]] = field(
-        default_factory=list
-    )  # adds to the generalised force
-    friction: list[Callable[["Plant"], DryFriction]] = field(default_factory=list)  # made after compilation
-    sensor: list[Callable[["Plant", "History", Array, Array], None]] = field(
-        default_factory=list
-    )  # edits a measured row
-    restart: list[Callable[[], None]] = field(default_factory=list)  # forget delay lines and filters
-    drive_joint: dict[str, str] = field(
-        default_factory=dict
-    )  # joint -> joint that its actuators move instead
 
 
 class Plant:
@@ -234,7 +190,7 @@ class Plant:
 
 def _projected(a: Array, free: Array, bounds: Array) -> Array:
     """tau within [-bounds[:, 0], bounds[:, 1]] with a tau + free = 0 wherever it is inside (Gauss-Seidel)."""
-    tau = np.linalg.solve(a, -free) if len(free) > 1 else -free / a[0]
+    tau = np.asarray(np.linalg.solve(a, -free), float)
     if (tau >= -bounds[:, 0]).all() and (tau <= bounds[:, 1]).all():
         return tau
     tau = np.minimum(np.maximum(tau, -bounds[:, 0]), bounds[:, 1])

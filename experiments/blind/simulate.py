@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.blind.control import Controller, VelocityEstimate
-from experiments.blind.plant import History, Plant, Unstable
+from experiments.blind.plant import Plant, Unstable
 from experiments.blind.sensors import Sensors
+from experiments.blind.stages import History
 
 Array = NDArray[np.float64]
 
@@ -67,8 +68,8 @@ def simulate(
             qpos, qvel = history.qpos[k].copy(), history.qvel[k].copy()
             if not (np.abs(qpos) < 1e3).all() or not (np.abs(qvel) < 1e3).all():
                 raise Unstable("the state left +-1e3")
-            for stage in plant.stages.sensor:
-                stage(plant, history, qpos, qvel)
+            for measure in plant.stages.sensor:
+                measure(plant, history, qpos, qvel)
             noisy_q, noisy_v = read(qpos, qvel)
             if isinstance(controller, np.ndarray):
                 wish = controller[row]
@@ -85,4 +86,5 @@ def simulate(
         if tick:
             rows["force"][row], rows["extra"][row] = plant.force, plant.extra[plant.dof_of]
             row += 1
-    return Trajectory(ticks[warmup:] * plant.dt, **{name: x[warmup:] for name, x in rows.items()})
+    time = np.asarray(ticks[warmup:] * plant.dt, float)
+    return Trajectory(time, **{name: x[warmup:] for name, x in rows.items()})

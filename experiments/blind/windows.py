@@ -10,13 +10,20 @@ Array = NDArray[np.float64]
 WINDOW = 0.5  # s, as the contract reports it
 
 
-def window_errors(model: mujoco.MjModel, run: Trajectory, windows: int = 8) -> Array:
-    """Predicted minus true position [rows, nv] over evenly spread windows; commands are held between rows."""
-    data, errors = mujoco.MjData(model), []
+def window_errors(
+    model: mujoco.MjModel, run: Trajectory, windows: int = 8, nudge: Array | None = None
+) -> Array:
+    """Predicted minus true position [rows, nv] over evenly spread windows; commands are held between rows.
+
+    `nudge` [nv]: standard deviations of a fixed random error in every window's start.
+    """
+    data, errors, rng = mujoco.MjData(model), [], np.random.default_rng(0)
     rows_in = int(np.searchsorted(run.time, run.time[0] + WINDOW))
     for first in np.linspace(0, len(run.time) - rows_in - 1, windows).astype(int):
         mujoco.mj_resetData(model, data)
         data.qpos[:], data.qvel[:], data.time = run.qpos[first], run.qvel[first], run.time[first]
+        if nudge is not None:
+            mujoco.mj_integratePos(model, data.qpos, nudge * rng.standard_normal(model.nv), 1.0)
         for row in range(first, first + rows_in):
             data.ctrl[:] = run.ctrl[row]
             while data.time + 0.5 * model.opt.timestep < run.time[row + 1]:

@@ -90,7 +90,9 @@ def test_references_are_smooth_and_bounded(kind):
 
 
 def test_sensors():
-    model = mujoco.MjModel.from_xml_path(str(ROBOTS["block"].file))
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
+    )
     rng = np.random.default_rng(0)
     q = model.qpos0.copy()
     read = Sensors(noise=1e-3, step=0.0).reader(model, rng)

@@ -256,6 +256,26 @@ def test_flexibility_has_its_static_twist(tmp_path):
     assert p.q("rotor of h") - p.q("h") == pytest.approx(2.0 / 20.0, abs=1e-3)
 
 
+def test_stiff_transmissions_are_the_nominal_machine(tmp_path):
+    """Damping in the model's default class must not be given to the rotor as well."""
+    path = tmp_path / "default.xml"
+    path.write_text(
+        ROD.replace("<worldbody>", '<default><joint damping="0.3" stiffness="2"/></default><worldbody>')
+    )
+    ends = []
+    for effect in (
+        None,
+        Effect("joint_flexibility", "h", {"stiffness": 1e4, "damping": 2.0}),
+        Effect("backlash", "h", {"gap": 1e-7}),
+    ):
+        p = Plant(str(path), 0.0002, "Euler", stages_of([effect] if effect else []))
+        p.reset(np.array([0.8]), np.array([1.0]))
+        for _ in range(2500):
+            p.substep(np.array([1.0]))
+        ends.append(p.state()[0][0])
+    assert ends[1:] == pytest.approx([ends[0]] * 2, abs=2e-3)
+
+
 def test_contact_friction_decelerates_by_mu_g(tmp_path):
     xml = """<mujoco><option gravity="0 0 -10" cone="elliptic"/><worldbody><geom name="floor" type="plane" size="0 0 1"
       friction="0.5 0 0"/><body name="b" pos="0 0 0.1"><freejoint name="f"/><geom name="box" type="box"

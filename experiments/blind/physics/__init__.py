@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from experiments.blind.physics import actuator, joint, sensor, transmission, world
 from experiments.blind.physics.unknown import UNKNOWN
-from experiments.blind.plant import Stages
+from experiments.blind.stages import Stages
 from experiments.blind.vocabulary import PARAMETERS, Effect
 
 

@@ -6,7 +6,8 @@ from collections import deque
 import mujoco
 import numpy as np
 
-from experiments.blind.plant import Plant, Stages
+from experiments.blind.plant import Plant
+from experiments.blind.stages import Stages
 from experiments.blind.vocabulary import Effect
 
 

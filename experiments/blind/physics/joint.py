@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from experiments.blind.plant import DryFriction, Plant, Stages
+from experiments.blind.plant import Plant
+from experiments.blind.stages import DryFriction, Stages
 from experiments.blind.vocabulary import Effect
 
 

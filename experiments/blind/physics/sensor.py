@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from experiments.blind.plant import History, Plant, Stages
+from experiments.blind.plant import Plant
+from experiments.blind.stages import History, Stages
 from experiments.blind.vocabulary import Effect
 
 

@@ -8,7 +8,8 @@ import math
 import mujoco
 import numpy as np
 
-from experiments.blind.plant import Plant, Stages
+from experiments.blind.plant import Plant
+from experiments.blind.stages import Stages
 from experiments.blind.vocabulary import Effect
 
 CONTACT_FREQUENCY = 900.0  # rad/s of the rotor against a closed gap: 20 times faster than any motion here
@@ -27,9 +28,11 @@ def _add_rotor(joint_name: str, stages: Stages) -> str:
         rotor = body.parent.add_body(name=rotor_name, pos=body.pos, quat=body.quat)
         rotor.mass, rotor.ipos, rotor.inertia = 1e-7, [0, 0, 0], [1e-9] * 3
         rotor.explicitinertial = True
-        rotor.add_joint(
-            name=rotor_name, type=joint.type, axis=joint.axis, pos=joint.pos, armature=joint.armature
-        )
+        motor = rotor.add_joint(name=rotor_name, type=joint.type, axis=joint.axis, pos=joint.pos)
+        motor.armature = joint.armature
+        # The model's default class applies to new joints as well: all that is not the rotor's stays with the link.
+        motor.damping, motor.stiffness, motor.frictionloss = [0] * 3, [0] * 3, 0
+        motor.limited = motor.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
         joint.armature = 0
 
     stages.spec.append(edit)

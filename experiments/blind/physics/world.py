@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.blind.plant import Plant, Stages
+from experiments.blind.plant import Plant
+from experiments.blind.stages import Stages
 from experiments.blind.vocabulary import Effect
 
 

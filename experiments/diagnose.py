@@ -1,0 +1,79 @@
+"""Say what physics a MuJoCo model lacks, from recordings of the real machine.
+
+python -m experiments.diagnose --model MODEL.xml --recordings PATH [PATH ...] --out DIR
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+
+def parser() -> argparse.ArgumentParser:
+    out = argparse.ArgumentParser(prog="python -m experiments.diagnose", description=__doc__.splitlines()[0])
+    out.add_argument("--model", required=True, type=Path, help="MJCF or URDF file of the nominal model")
+    out.add_argument(
+        "--recordings",
+        required=True,
+        nargs="+",
+        type=Path,
+        help=".npz or .csv recordings, or folders of them",
+    )
+    out.add_argument("--out", required=True, type=Path, help="folder for the results")
+    out.add_argument(
+        "--held-out",
+        nargs="+",
+        metavar="NAME",
+        help="recordings to hold out (default: heldout_*, else a third)",
+    )
+    out.add_argument("--effects", nargs="+", metavar="ID", help="effects to try (default: all)")
+    out.add_argument("--map", type=Path, metavar="MAP.yaml", help="renames and converts columns")
+    out.add_argument("--seed", type=int, default=0)
+    out.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="threads (default: all)")
+    out.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    return out
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Exit status: 0 with a verdict, 2 for bad input, 130 when interrupted."""
+    args = parser().parse_args(argv)
+    from mpge_jax.diagnosis import Config, InputError, diagnose
+
+    try:
+        columns = None
+        if args.map is not None:
+            from mpge_jax.diagnosis.mapping import load
+
+            columns = load(args.map)
+        config = Config(
+            effects=tuple(args.effects) if args.effects else None,
+            held_out=tuple(args.held_out) if args.held_out else None,
+            seed=args.seed,
+            jobs=args.jobs,
+            quiet=args.quiet,
+        )
+        if args.out.exists() and not args.out.is_dir():
+            raise InputError(f"--out {args.out} is a file; give a folder.")
+        result = diagnose(args.model, args.recordings, config, columns)
+        result.write(args.out)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except ValueError as error:
+        if type(error) is not ValueError:
+            raise
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted; run the same command again to go on.", file=sys.stderr)
+        return 130
+    table = result.to_json()
+    print(f"{table['verdict']}: {table['explanation']}")
+    print(f"report: {args.out / 'report.html'} ({result.seconds:.0f} s)")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

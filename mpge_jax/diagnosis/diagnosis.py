@@ -1,0 +1,283 @@
+"""The whole diagnosis: prepare, search, weigh, judge."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
+from mpge_jax.diagnosis.calibrate import floor
+from mpge_jax.diagnosis.candidates import all_terms
+from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.effects.base import REGISTRY, Context
+from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.prepare import Prepared, prepare
+from mpge_jax.diagnosis.reader import load_recordings
+from mpge_jax.diagnosis.recording import Recording, validate
+from mpge_jax.diagnosis.rivals import find_rivals
+from mpge_jax.diagnosis.select import Rival, Scored, Search, final_fit, search
+from mpge_jax.diagnosis.verdict import (
+    EXCESS,
+    LEFT,
+    Errors,
+    active_dofs,
+    errors,
+    excess_by_dof,
+    noise_floor,
+)
+from mpge_jax.diagnosis.whiten import Whitener, column_scale
+from mpge_jax.diagnosis.windows import Windows
+
+Array = np.ndarray
+
+
+@dataclass
+class FitReport:
+    """Open-loop errors on windows of the reported length, nominal and corrected model on the same windows."""
+
+    windows: Windows
+    before: Errors
+    after: Errors
+    floor: float
+
+
+@dataclass
+class Diagnosis:
+    """What is missing in a model, with everything that supports it.
+
+    Attributes:
+        verdict: "effects", "ambiguous", "unexplained" or "none".
+        fit: the chosen effects with parameters and covariances. rivals: alternatives by term.
+        train, held: errors before and after. location: (place, kind, excess), largest first.
+        unexplained: what is left, or None. actuators: what was found between command and measured force.
+    """
+
+    verdict: str
+    prepared: Prepared
+    fit: Fitted
+    rivals: dict[Term, list[Rival]]
+    error_drop: dict[Term, float]
+    train: FitReport
+    held: FitReport
+    location: list[tuple[str, str, float]]
+    unexplained: dict[str, Any] | None
+    warnings: list[str]
+    config: Config
+    seconds: float = 0.0
+    log: list[str] = field(default_factory=list)
+    actuators: ActuatorSide | None = None
+    experiment: dict[str, object] | None = None
+
+    @property
+    def ctx(self) -> Context:
+        return self.prepared.ctx
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        return self.fit.hypothesis.terms
+
+    def corrected_spec(self) -> mujoco.MjSpec:
+        """The nominal description with native forms of the effects added."""
+        from mpge_jax.diagnosis.export import corrected_spec
+
+        return corrected_spec(self)[0]
+
+    def corrected_model(self) -> mujoco.MjModel:
+        """Compiled model with all effects that MuJoCo has natively; `effects()` holds the others too."""
+        return self.corrected_spec().compile()
+
+    def effects(self) -> dict[str, Any]:
+        """All effects in the form from which `mpge_jax.diagnosis.corrected` rebuilds them."""
+        from mpge_jax.diagnosis.outputs import effects_table
+
+        return effects_table(self)
+
+    def corrected_env(self, task: str | None = None) -> Any:
+        """The corrected machine for policy learning; see `corrected.CorrectedModel`."""
+        from mpge_jax.diagnosis.corrected import CorrectedModel
+
+        return CorrectedModel.build(self.prepared.spec, self.effects()["effects"])
+
+    def to_json(self) -> dict[str, Any]:
+        """The contents of `diagnosis.json`."""
+        from mpge_jax.diagnosis.outputs import diagnosis_table
+
+        return diagnosis_table(self)
+
+    def write(self, folder: str | Path) -> None:
+        """Write `diagnosis.json`, `corrected.xml`, `effects.json`, figures and `report.html`."""
+        from mpge_jax.diagnosis.outputs import write
+
+        write(self, Path(folder))
+
+
+class _Progress:
+    """Says what is being done, on stderr."""
+
+    def __init__(self, quiet: bool) -> None:
+        self.quiet, self.start = quiet, time.monotonic()
+
+    def __call__(self, text: str) -> None:
+        if not self.quiet:
+            print(f"[{time.monotonic() - self.start:5.0f} s] {text}", file=sys.stderr, flush=True)
+
+
+def diagnose(
+    model: str | Path | mujoco.MjSpec,
+    recordings: Sequence[Recording] | Sequence[str | Path] | str | Path,
+    config: Config | None = None,
+    columns: dict[str, object] | None = None,
+) -> Diagnosis:
+    """Find the physics that a model lacks.
+
+    Args:
+        model: path of an MJCF file, or an MjSpec.
+        recordings: files, folders, or `Recording`s in SI units.
+        config: settings. columns: renaming and conversion of columns (the content of `--map`).
+
+    Raises:
+        InputError: the input cannot be used; the message says what to do.
+    """
+    config = config or Config()
+    say = _Progress(config.quiet)
+    began = time.monotonic()
+    spec = load_spec(model)
+    plain = compile_variable(spec)
+    names = names_of(plain)
+    if isinstance(recordings, str | Path):
+        recordings = [recordings]
+    if all(isinstance(r, Recording) for r in recordings) and len(recordings):
+        checked = [validate(r, plain, names) for r in recordings]
+    else:
+        checked = load_recordings(recordings, plain, names, columns)  # type: ignore[arg-type]
+    say(f"reading {len(checked)} recordings")
+    prepared = prepare(spec, checked, config)
+    result = _diagnose(prepared, plain, say)
+    result.seconds = time.monotonic() - began
+    return result
+
+
+def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress) -> Diagnosis:
+    c = p.config
+    ids = [i for i, e in REGISTRY.items() if e.side == "actuator" and (c.effects is None or i in c.effects)]
+    actuators = diagnose_actuators(p, plain, ids)
+    s = _build_search(p, say)
+    say(f"{len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows")
+    f, last = search(s) if s.terms else (s.nominal(), [])
+    f, whites = final_fit(s, f)
+    best = s.score([f], whites)[0]
+    rivals = find_rivals(s, best, whites, last)
+    say("judging what is left")
+    train, held = (_report(p, f, is_held) for is_held in (False, True))
+    unexplained = _left(p, s, best, whites, held)
+    drop = _error_drops(p, f, held)
+    ambiguous = any(r.tied for rs in rivals.values() for r in rs)
+    verdict = "none"
+    if unexplained is not None:
+        verdict = "unexplained"
+    elif ambiguous:
+        verdict = "ambiguous"
+    elif f.hypothesis.terms or (actuators is not None and actuators.effects):
+        verdict = "effects"
+    warnings = list(dict.fromkeys(p.warnings))
+    location = _locate(p, s)
+    return Diagnosis(
+        verdict, p, f, rivals, drop, train, held, location, unexplained, warnings, c, log=s.log,
+        actuators=actuators,
+    )  # fmt: skip
+
+
+def _build_search(p: Prepared, say: _Progress) -> Search:
+    c = p.config
+    train = p.windows(False, c.decide_s, c.train_windows)
+    held = p.windows(True, c.decide_s, c.held_windows)
+    if train.count < 2 or held.count < 1:
+        from mpge_jax.diagnosis.errors import InputError
+
+        raise InputError(
+            f"the recordings hold only {train.count} training and {held.count} held-out windows of "
+            f"{c.decide_s} s; record longer."
+        )
+    sides = {"mechanical", "sensor"} if p.measured.all() and p.measured.size else None
+    terms = all_terms(p.ctx, c.effects, sides)
+    terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
+    terms = [t for t in terms if _visible(p, t)]
+    limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
+    return Search(
+        p.sim, p.noise, train, held, terms, np.random.default_rng([c.seed, 1]), say, max_terms=limit
+    )  # fmt: skip
+
+
+def _visible(p: Prepared, term: Term) -> bool:
+    """Sensor effects need their sensor."""
+    if not term.effect.senses:
+        return True
+    column = p.ctx.qadr(term.place)
+    return any(not np.isnan(s.recording.qpos[:, column]).all() for s in p.train_sources)
+
+
+def _report(p: Prepared, f: Fitted, held: bool) -> FitReport:
+    w = p.windows(held, p.config.report_s, 60 if held else 40, seed=1)
+    nominal = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
+    scale = column_scale(p.noise, p.model)
+    before = errors(p.sim, nominal, w)
+    after = errors(p.sim, f, w) if f.hypothesis.terms else before
+    return FitReport(w, before, after, noise_floor(p.sim, f, w, scale))
+
+
+def _left(
+    p: Prepared, s: Search, best: Scored, whites: tuple[Whitener, Whitener], held: FitReport
+) -> dict[str, Any] | None:
+    """What the chosen effects leave, if it is more than noise."""
+    expected, spread = floor(p, best.fit)
+    loss = float(best.losses.mean())
+    ratio_error = float(best.losses.std() / np.sqrt(best.losses.size))
+    s.log.append(f"left: loss {loss:.3f} +- {ratio_error:.3f}, floor {expected:.3f} +- {spread:.3f}")
+    excess = loss - max(expected, 1.0)
+    before, after = held.before.rms, held.after.rms
+    beyond = np.sqrt(max(after**2 - held.floor**2, 0.0)) / max(np.sqrt(max(before**2 - held.floor**2, 0.0)), 1e-12)
+    beyond = min(float(beyond), 1.0) if best.fit.hypothesis.terms else 1.0
+    significant = excess > EXCESS and excess > 3.0 * np.hypot(ratio_error, spread)
+    if not significant or beyond < LEFT:
+        if significant:
+            p.warnings.append(
+                f"a remainder of {100 * beyond:.1f} % of the error is more than noise (friction law, timestep or "
+                "integrator differ in detail); it does not change what is named."
+            )
+        return None
+    ratio, _ = excess_by_dof(s.sim, best.fit, s.held, whites[1])
+    from mpge_jax.diagnosis.remainder import describe
+
+    return describe(p, s, best, ratio, beyond**2)
+
+
+def _error_drops(p: Prepared, f: Fitted, held: FitReport) -> dict[Term, float]:
+    """Share of the held-out squared error that goes with each effect, the others kept."""
+    out = {}
+    parts = f.hypothesis.split(p.ctx, f.theta)
+    for term in f.hypothesis.terms:
+        h = f.hypothesis.without(term)
+        without = errors(p.sim, replace(f, hypothesis=h, theta=h.gather(p.ctx, parts)), held.windows).rms
+        out[term] = float(1.0 - held.after.rms**2 / max(without**2, 1e-30))
+    return out
+
+
+def _locate(p: Prepared, s: Search) -> list[tuple[str, str, float]]:
+    """Where the nominal model lacks force: (place, kind, ratio to what noise explains), largest first."""
+    nominal = s.nominal()
+    whites = s.whiten(nominal)
+    ratio, _ = excess_by_dof(s.sim, nominal, s.train, whites[0])
+    out: dict[str, float] = {}
+    for d in active_dofs(p.model) or range(p.model.nv):
+        name = p.names.joint_of_dof(p.model, d)
+        out[name] = max(out.get(name, 0.0), float(ratio[d]))
+    return [(n, "joint", e) for n, e in sorted(out.items(), key=lambda x: -x[1])]

@@ -1,0 +1,104 @@
+"""Rename and convert columns before a recording is read: the file given with `--map`.
+
+    columns:                       # key of the recording -> what the file calls it
+      time: {from: t, scale: 1.0e-3}
+      qpos:shoulder: {from: q_shoulder_deg, unit: deg, offset: 0.0}
+      ctrl:tau1: {from: command, column: 0}
+
+`from` is a CSV title or an array of the .npz (with `column` where it has several); the value read is
+`scale * x + offset`, and `unit: deg` stands for scale pi/180.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import yaml
+
+from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.model import Names
+
+_SCALES = {"rad": 1.0, "deg": np.pi / 180, "m": 1.0, "mm": 1e-3, "s": 1.0, "ms": 1e-3, "us": 1e-6, "N": 1.0, "N m": 1.0}
+
+
+def load(path: Path) -> dict[str, Any]:
+    """Read a mapping file (YAML, or JSON, which is YAML too)."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read the map {path}: {error}.") from None
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise InputError(f"{path.name} is not valid YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(data, dict) or not isinstance(data.get("columns"), dict):
+        raise InputError(f"{path.name}: a map needs an entry 'columns' with one line per column.")
+    return data["columns"]
+
+
+def raw_columns(path: Path) -> dict[str, np.ndarray]:
+    """Every column of a file by its own title, before any meaning is given to it."""
+    if path.suffix.lower() == ".csv":
+        with path.open(encoding="utf-8-sig") as file:
+            titles = [t.strip() for t in file.readline().split(",")]
+        try:
+            table = np.atleast_2d(np.genfromtxt(path, delimiter=",", skip_header=1))
+        except ValueError as error:
+            raise InputError(f"cannot read {path.name}: {' '.join(str(error).split())}") from None
+        if table.shape[1] != len(titles):
+            raise InputError(f"{path.name}: the rows do not have the {len(titles)} columns of the header.")
+        return {t: table[:, i] for i, t in enumerate(titles)}
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return {k: data[k] for k in data.files if data[k].dtype.kind in "fiub"}
+    except Exception as error:  # damaged archives raise types of their own
+        raise InputError(f"cannot read {path.name}: {type(error).__name__}.") from None
+
+
+def apply(
+    path: Path, data: dict[str, np.ndarray], columns: Mapping[str, Any], model: mujoco.MjModel, names: Names
+) -> dict[str, np.ndarray]:
+    """Add the mapped columns to what was read from a file.
+
+    Raises:
+        InputError: an entry names nothing in the file or in the model, or is malformed.
+    """
+    from mpge_jax.diagnosis.reader import _csv_places
+
+    raw, places, out = raw_columns(path), _csv_places(model, names), dict(data)
+    widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu, "actuator_force": model.nu}
+    for target, entry in columns.items():
+        entry = {"from": entry} if isinstance(entry, str) else entry
+        if not isinstance(entry, dict) or "from" not in entry:
+            raise InputError(f"map: '{target}' needs 'from' (what the file calls it).")
+        if entry["from"] not in raw:
+            raise InputError(f"{path.name}: the map's '{entry['from']}' is not in the file (it has {', '.join(raw)}).")
+        value = np.asarray(raw[entry["from"]], dtype=float)
+        if value.ndim == 2:
+            column = entry.get("column", 0)
+            if not isinstance(column, int) or not 0 <= column < value.shape[1]:
+                raise InputError(f"map: '{target}' needs a column between 0 and {value.shape[1] - 1}.")
+            value = value[:, column]
+        unit = entry.get("unit", "rad")
+        if unit not in _SCALES:
+            raise InputError(f"map: '{target}' has the unknown unit '{unit}' (known: {', '.join(_SCALES)}).")
+        try:
+            value = value * _SCALES[unit] * float(entry.get("scale", 1.0)) + float(entry.get("offset", 0.0))
+        except (TypeError, ValueError):
+            raise InputError(f"map: scale and offset of '{target}' must be numbers.") from None
+        if target == "time":
+            out["time"] = value
+            continue
+        key, _, rest = str(target).partition(":")
+        if (key, rest) not in places:
+            raise InputError(f"map: '{target}' names nothing in the model.")
+        array = out.get(key)
+        if array is None or array.shape != (value.size, widths[key]):
+            array = np.full((value.size, widths[key]), np.nan)
+        array[:, places[key, rest]] = value
+        out[key] = array
+    return out

@@ -1,0 +1,220 @@
+"""The files of a diagnosis: `diagnosis.json`, `effects.json`, `corrected.xml`, figures and `report.html`."""
+
+from __future__ import annotations
+
+import json
+import platform
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.hypothesis import Term
+
+if TYPE_CHECKING:
+    from mpge_jax.diagnosis.diagnosis import Diagnosis, FitReport
+
+Array = np.ndarray
+
+
+def number(x: float) -> float | None:
+    """A float for JSON (no NaN, no infinity), at a sensible length."""
+    return float(f"{float(x):.6g}") if np.isfinite(x) else None
+
+
+def _plain(value: Any) -> Any:
+    value = np.asarray(value, dtype=float)
+    return number(value) if value.ndim == 0 else [number(v) for v in value]
+
+
+def parameters(d: Diagnosis, f: Fitted, term: Term) -> dict[str, Any]:
+    """Reported parameters of one term with 95 % intervals."""
+    ctx, effect, place = d.ctx, term.effect, term.place
+    part = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(term)]
+    theta = f.theta[part]
+    value = effect.report(ctx, place, theta)
+    spread = {k: np.zeros_like(np.asarray(v, dtype=float)) for k, v in value.items()}
+    if f.cov is not None and theta.size:
+        deviation = np.sqrt(np.maximum(np.diag(f.cov[part, part]), 0.0))
+        for i in range(theta.size):
+            h = 1e-4 * (abs(theta[i]) + deviation[i]) + 1e-12
+            moved = theta.copy()
+            moved[i] += h
+            for j in range(theta.size):
+                other = theta.copy()
+                hj = 1e-4 * (abs(theta[j]) + deviation[j]) + 1e-12
+                other[j] += hj
+                ci = f.cov[part, part][i, j]
+                a, b = effect.report(ctx, place, moved), effect.report(ctx, place, other)
+                for k in value:
+                    gi = (np.asarray(a[k]) - np.asarray(value[k])) / h
+                    gj = (np.asarray(b[k]) - np.asarray(value[k])) / hj
+                    spread[k] = spread[k] + gi * gj * ci
+    units = effect.units(ctx, place)
+    out = {}
+    for k, v in value.items():
+        half = 1.96 * np.sqrt(np.maximum(spread[k], 0.0))
+        out[k] = {
+            "value": _plain(v),
+            "low": _plain(np.asarray(v) - half),
+            "high": _plain(np.asarray(v) + half),
+            "unit": units.get(k, "1"),
+        }
+    return out
+
+
+def _effect(d: Diagnosis, f: Fitted, term: Term) -> dict[str, Any]:
+    return {"id": term.id, "at": term.place.name, "parameters": parameters(d, f, term)}
+
+
+def _set(d: Diagnosis, f: Fitted) -> list[dict[str, Any]]:
+    return [_effect(d, f, t) for t in f.hypothesis.terms]
+
+
+def candidates_of(d: Diagnosis) -> dict[Term, list[Fitted]]:
+    """For every ambiguous term: the chosen fit and those that the data cannot tell from it (three at most)."""
+    out = {}
+    for term, rivals in d.rivals.items():
+        tied = [r.fit for r in rivals if r.tied][:2]
+        if tied:
+            out[term] = [d.fit, *tied]
+    return out
+
+
+def diagnosis_table(d: Diagnosis) -> dict[str, Any]:
+    """The contents of `diagnosis.json`."""
+    from mpge_jax.diagnosis.words import explanation, separation
+
+    ambiguous = candidates_of(d)
+    effects = []
+    for term in d.terms:
+        if term in ambiguous and d.verdict == "ambiguous":
+            continue
+        rivals = [
+            {
+                "id": r.term.id,
+                "at": r.term.place.name,
+                "held_out": number(r.margin),
+                "why_not": r.why_not,
+            }
+            for r in d.rivals.get(term, [])[:5]
+        ]
+        effects.append({**_effect(d, d.fit, term), "error_drop": number(d.error_drop[term]), "rivals": rivals})
+    extra = d.actuators.effects if d.actuators is not None else []
+    verdict = d.verdict
+    return {
+        "schema": 1,
+        "verdict": verdict,
+        "effects": effects + extra,
+        "ambiguous": [
+            {
+                "candidates": [_set(d, f) for f in fits],
+                "separated_by": separation(d, term, fits),
+                "experiment": "next_experiment.npz" if d.experiment is not None else None,
+            }
+            for term, fits in ambiguous.items()
+        ],
+        "unexplained": d.unexplained,
+        "location": [{"at": a, "kind": k, "excess": number(e)} for a, k, e in d.location],
+        "fit": {
+            "unit": _unit(d),
+            "window_s": number(float(d.held.windows.times.max())),
+            "train": _fit(d, d.train, d.prepared.train_sources),
+            "held_out": {**_fit(d, d.held, d.prepared.held_sources), "per_joint": _per_joint(d, d.held)},
+        },
+        "explanation": explanation(d),
+        "warnings": d.warnings,
+        "seed": d.config.seed,
+        "versions": _versions(),
+    }
+
+
+def _fit(d: Diagnosis, r: FitReport, sources: Any) -> dict[str, Any]:
+    return {
+        "recordings": [s.recording.name for s in sources],
+        "before": number(r.before.rms),
+        "after": number(r.after.rms),
+        "noise_floor": number(r.floor),
+    }
+
+
+def _per_joint(d: Diagnosis, r: FitReport) -> dict[str, list[float | None]]:
+    out: dict[str, list[float | None]] = {}
+    for dof in range(d.prepared.model.nv):
+        if np.isnan(r.before.joint[dof]):
+            continue
+        name = d.prepared.names.joint_of_dof(d.prepared.model, dof)
+        key = name if name not in out else f"{name}:{dof}"
+        out[key] = [number(r.before.joint[dof]), number(r.after.joint[dof])]
+    return out
+
+
+def _unit(d: Diagnosis) -> str:
+    import mujoco
+
+    slides = d.prepared.model.jnt_type == int(mujoco.mjtJoint.mjJNT_SLIDE)
+    return "m" if slides.all() else "rad and m" if slides.any() else "rad"
+
+
+def _versions() -> dict[str, str]:
+    from importlib.metadata import PackageNotFoundError, version
+
+    out = {"python": platform.python_version()}
+    for package in ("mpge_jax", "mujoco", "numpy", "scipy"):
+        try:
+            out[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return out
+
+
+def effects_table(d: Diagnosis) -> dict[str, Any]:
+    """The contents of `effects.json`: every effect, native or not, with the values to rebuild it from."""
+    from mpge_jax.diagnosis.export import corrected_spec
+
+    _, native = corrected_spec(d)
+    rows = []
+    for term in d.terms:
+        part = d.fit.hypothesis.slices(d.ctx)[d.terms.index(term)]
+        values = term.effect.report(d.ctx, term.place, d.fit.theta[part])
+        rows.append(
+            {
+                "id": term.id,
+                "at": term.place.name,
+                "kind": term.place.kind,
+                "parameters": {k: _exact(v) for k, v in values.items()},
+                "native": native[term],
+            }
+        )
+    if d.actuators is not None:
+        rows += d.actuators.table
+    return {"schema": 1, "model": "corrected.xml", "effects": rows}
+
+
+def _exact(value: Any) -> Any:
+    value = np.asarray(value, dtype=float)
+    return float(value) if value.ndim == 0 else [float(v) for v in value]
+
+
+def write(d: Diagnosis, folder: Path) -> None:
+    """Write every file; the folder is made if it does not exist."""
+    from mpge_jax.diagnosis.export import corrected_xml
+    from mpge_jax.diagnosis.figures import draw
+    from mpge_jax.diagnosis.next_experiment import design
+    from mpge_jax.diagnosis.report import page
+
+    folder.mkdir(parents=True, exist_ok=True)
+    d.experiment = design(d, folder / "next_experiment.npz")
+    table = diagnosis_table(d)
+    _write_text(folder / "effects.json", json.dumps(effects_table(d), indent=1, allow_nan=False))
+    _write_text(folder / "corrected.xml", corrected_xml(d))
+    figures = draw(d, folder / "figures")
+    _write_text(folder / "report.html", page(d, table, figures))
+    _write_text(folder / "diagnosis.json", json.dumps(table, indent=1, allow_nan=False))
+
+
+def _write_text(path: Path, text: str) -> None:
+    part = path.with_name(path.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)

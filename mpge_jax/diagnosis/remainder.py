@@ -1,0 +1,63 @@
+"""Describe what no effect explains: at which joint, when, and how much of the error it is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.verdict import active_dofs, excess_by_dof
+
+if TYPE_CHECKING:
+    from mpge_jax.diagnosis.prepare import Prepared
+    from mpge_jax.diagnosis.select import Scored, Search
+
+Array = np.ndarray
+
+
+def _rank_correlation(a: Array, b: Array) -> float:
+    if a.size < 5 or np.ptp(a) == 0 or np.ptp(b) == 0:
+        return 0.0
+    ra, rb = (np.argsort(np.argsort(x)).astype(float) for x in (a, b))
+    return float(np.corrcoef(ra, rb)[0, 1])
+
+
+def describe(p: Prepared, s: Search, best: Scored, ratio: Array, share: float) -> dict[str, Any]:
+    """The `unexplained` entry of a diagnosis.
+
+    Args:
+        ratio: [nv] missing force per degree of freedom, in units of what noise explains, on held-out windows.
+        share: share of the held-out squared error that remains.
+    """
+    white = s.whiten(best.fit)[0]
+    train_ratio, force = excess_by_dof(s.sim, best.fit, s.train, white)
+    total = ratio + train_ratio
+    dofs = active_dofs(p.model) or list(range(p.model.nv))
+    order = sorted(dofs, key=lambda d: -total[d])
+    at = [p.names.joint_of_dof(p.model, d) for d in order if total[d] > 0.5 * total[order[0]]][:2]
+    w, worst = s.train, order[0]
+    joint = int(p.model.dof_jntid[worst])
+    size = np.abs(force[:, worst])
+    clues = {
+        "speed of the joint": np.abs(w.v0[:, worst]),
+        "angle of the joint": w.q0[:, int(p.model.jnt_qposadr[joint])],
+        "time since the start": w.start,
+    }
+    for a in range(p.model.nu):
+        clues[f"size of the command of {p.names.actuators[a]}"] = np.abs(w.command[:, w.history :, a]).mean(1)
+    found = {k: _rank_correlation(size, v) for k, v in clues.items()}
+    name, strength = max(found.items(), key=lambda x: abs(x[1]))
+    if abs(strength) > 0.45:
+        when = f"it grows {'with' if strength > 0 else 'as'} the {name}{'' if strength > 0 else ' falls'}"
+    else:
+        when = "it depends neither on angle, speed, command nor time in a simple way"
+    signs = np.sign(force[:, worst])
+    if abs(signs.mean()) > 0.8:
+        when += f"; it always pushes {'forwards' if signs.mean() > 0 else 'backwards'}"
+    top = np.argsort(-best.train)[: min(8, w.count)]
+    length = w.times.max(1)
+    intervals = [
+        [w.sources[w.source[k]].recording.name, round(float(w.start[k]), 4), round(float(w.start[k] + length[k]), 4)]
+        for k in sorted(top, key=lambda k: (w.source[k], w.start[k]))
+    ]
+    return {"at": at, "when": when, "intervals": intervals, "share": float(min(share, 1.0))}

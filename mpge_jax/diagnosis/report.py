@@ -1,0 +1,160 @@
+"""`report.html`: one self-contained page that a person can forward."""
+
+from __future__ import annotations
+
+import base64
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mpge_jax.diagnosis.words import quantity
+
+if TYPE_CHECKING:
+    from mpge_jax.diagnosis.diagnosis import Diagnosis
+
+_STYLE = """
+:root{color-scheme:light}body{font:16px/1.5 system-ui,sans-serif;color:#1b1b1b;background:#fff;margin:0}
+main{max-width:60rem;margin:0 auto;padding:2rem 1.25rem 4rem}h1{font-size:1.15rem;color:#555;margin:0 0 .5rem;font-weight:600}
+.lead{font-size:1.45rem;line-height:1.35;margin:.2rem 0 1.2rem;font-weight:600}h2{font-size:1.15rem;margin:2.2rem 0 .6rem}
+.badge{display:inline-block;padding:.1rem .6rem;border-radius:1rem;color:#fff;font-size:.85rem;font-weight:600}
+.effects{background:#1f6fb2}.none{background:#2d7d46}.ambiguous{background:#9a6700}.unexplained{background:#b3261e}
+table{border-collapse:collapse;width:100%;font-size:.94rem}th,td{text-align:left;padding:.35rem .7rem .35rem 0;border-bottom:1px solid #ddd;vertical-align:top}
+img{max-width:100%;height:auto}.row{display:flex;flex-wrap:wrap;gap:1.5rem;align-items:flex-start}.row>*{flex:1 1 20rem}
+.numbers{display:flex;flex-wrap:wrap;gap:1.2rem;margin:.6rem 0 1rem}.numbers div{min-width:8rem}.numbers b{display:block;font-size:1.35rem}
+small,.quiet{color:#555}.overflow{overflow-x:auto}
+"""
+_WORDS = {
+    "effects": "found",
+    "none": "nothing missing",
+    "ambiguous": "more than one explanation",
+    "unexplained": "something unexplained",
+}
+
+
+def _image(path: Path, alt: str) -> str:
+    data = base64.b64encode(path.read_bytes()).decode()
+    return f'<img alt="{escape(alt, quote=True)}" src="data:image/png;base64,{data}">'
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    top = "".join(f"<th>{escape(h)}</th>" for h in head)
+    body = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in rows)
+    return f'<div class="overflow"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _interval(entry: dict[str, Any]) -> str:
+    low, high = entry["low"], entry["high"]
+    if isinstance(low, list):
+        pairs = [f"{a:.3g} to {b:.3g}" for a, b in zip(low, high, strict=True) if a is not None and b is not None]
+        return escape("; ".join(pairs))
+    return "not determined" if low is None or high is None else escape(f"{low:.4g} to {high:.4g}")
+
+
+def _effects(table: dict[str, Any]) -> str:
+    rows = []
+    for e in table["effects"]:
+        drop = e.get("error_drop")
+        share = "" if drop is None else f"{100 * drop:.0f} %"
+        parameters = e["parameters"] or {"": {"value": None}}
+        for i, (name, entry) in enumerate(parameters.items()):
+            first = [escape(e["id"].replace("_", " ")), escape(e["at"])] if i == 0 else ["", ""]
+            value = escape(quantity(entry)) if name else ""
+            rows.append([*first, escape(name), value, _interval(entry) if name else "", share if i == 0 else ""])
+    if not rows:
+        return ""
+    head = ["effect", "at", "parameter", "value", "95 % interval", "share of held-out error"]
+    return "<h2>What the model lacks</h2>" + _table(head, rows)
+
+
+def _rivals(table: dict[str, Any]) -> str:
+    rows = []
+    for e in table["effects"]:
+        for r in e.get("rivals", []):
+            rows.append(
+                [
+                    escape(f"{e['id'].replace('_', ' ')} at {e['at']}"),
+                    escape(f"{r['id'].replace('_', ' ')} at {r['at']}"),
+                    escape(r["why_not"]),
+                ]
+            )
+    return "<h2>What else it could have been</h2>" + _table(["chosen", "instead", "why not"], rows) if rows else ""
+
+
+def _ambiguous(table: dict[str, Any]) -> str:
+    parts = []
+    for entry in table["ambiguous"]:
+        items = []
+        for candidate in entry["candidates"]:
+            names = []
+            for e in candidate:
+                shown = ", ".join(f"{k} {quantity(v)}" for k, v in e["parameters"].items())
+                names.append(f"{e['id'].replace('_', ' ')} at {e['at']}" + (f" ({shown})" if shown else ""))
+            items.append(f"<li>{escape(' and '.join(names))}</li>")
+        extra = ""
+        if entry["experiment"]:
+            extra = f" A command sequence that separates them in simulation is in <code>{escape(entry['experiment'])}</code>."
+        parts.append(
+            f"<p>These explain the recordings equally well:</p><ul>{''.join(items)}</ul>"
+            f"<p><b>To tell them apart:</b> {escape(entry['separated_by'])}.{extra}</p>"
+        )
+    return "<h2>More than one explanation</h2>" + "".join(parts) if parts else ""
+
+
+def _unexplained(table: dict[str, Any]) -> str:
+    u = table["unexplained"]
+    if u is None:
+        return ""
+    rows = [[escape(str(n)), f"{a:.2f}", f"{b:.2f}"] for n, a, b in u["intervals"]]
+    return (
+        f"<h2>What nothing explains</h2><p>At {escape(' and '.join(u['at']))}: {escape(u['when'])}. It makes up "
+        f"{100 * u['share']:.0f} % of the squared prediction error. Look at these moments:</p>"
+        + _table(["recording", "from (s)", "to (s)"], rows)
+    )
+
+
+def _next(d: Diagnosis) -> str:
+    items = [
+        f"<li>{escape(t.effect.id.replace('_', ' '))} at {escape(t.place.name)}: {escape(t.effect.remedy)}.</li>"
+        for t in d.terms
+        if t.effect.remedy
+    ]
+    if not items:
+        return ""
+    return "<h2>What to record next</h2><p>To confirm and sharpen what was found:</p><ul>" + "".join(items) + "</ul>"
+
+
+def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:
+    """The whole page; everything that comes from the model or the recordings is escaped."""
+    held = table["fit"]["held_out"]
+    unit = escape(table["fit"]["unit"])
+    first, _, rest = table["explanation"].partition(". ")
+    lead = first if first.endswith(".") else first + "."
+    gain = held["before"] / held["after"] if held["before"] and held["after"] else 1.0
+    joints = [
+        [escape(name), f"{a:.3g}" if a is not None else "", f"{b:.3g}" if b is not None else ""]
+        for name, (a, b) in held["per_joint"].items()
+    ]
+    warnings = "".join(f"<li>{escape(w)}</li>" for w in table["warnings"])
+    versions = ", ".join(f"{escape(k)} {escape(v)}" for k, v in table["versions"].items())
+    return f"""<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Mismatch diagnosis</title><link rel="icon" href="data:,"><style>{_STYLE}</style></head><body><main>
+<h1>Mismatch diagnosis <span class="badge {table["verdict"]}">{_WORDS[table["verdict"]]}</span></h1>
+<p class="lead">{escape(lead)}</p><p>{escape(rest)}</p>
+<div class="row"><div>{_image(figures["robot"], "the machine with the place marked")}</div>
+<div><h2>On recordings it never saw</h2><div class="numbers"><div><b>{held["before"]:.3g} {unit}</b>model as given</div>
+<div><b>{held["after"]:.3g} {unit}</b>corrected model</div><div><b>{gain:.1f} &times;</b>smaller error</div></div>
+<p class="quiet">Root-mean-square error of predicting {table["fit"]["window_s"]} s ahead, open loop, over
+{len(held["recordings"])} held-out recording(s). Noise alone gives {held["noise_floor"]:.2g} {unit}.</p>
+{_table(["joint", "as given", "corrected"], joints)}</div></div>
+{_effects(table)}{_ambiguous(table)}{_unexplained(table)}
+<h2>Prediction against measurement</h2>{_image(figures["prediction"], "held-out motion, predicted before and after")}
+<div class="row"><div>{_image(figures["errors"], "errors by joint")}</div>
+<div>{_image(figures["location"], "where force is missing")}</div></div>
+<h2>Where the error lies in time</h2>{_image(figures["residuals"], "error by window")}
+{_rivals(table)}{_next(d)}
+{"<h2>Warnings</h2><ul>" + warnings + "</ul>" if warnings else ""}
+<p><small>Trained on {escape(", ".join(table["fit"]["train"]["recordings"][:12]))}; held out
+{escape(", ".join(held["recordings"][:12]))}. Seed {table["seed"]}; {versions}.</small></p>
+</main></body></html>
+"""

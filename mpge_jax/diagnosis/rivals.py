@@ -1,0 +1,66 @@
+"""Alternatives to each chosen effect: why they lost, and which of them the data cannot tell apart."""
+
+from __future__ import annotations
+
+from mpge_jax.diagnosis.candidates import compatible
+from mpge_jax.diagnosis.fit import Fitted, fit
+from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.select import TIE, Rival, Scored, Search, standard_error
+from mpge_jax.diagnosis.whiten import Whitener
+
+SPECIAL_CASES = {
+    "coulomb_friction": ("stribeck_friction", "load_dependent_friction", "asymmetric_friction"),
+    "viscous_damping": ("asymmetric_friction",),
+    "dead_actuator": ("actuator_gain", "torque_saturation", "actuator_deadzone"),
+}
+"""Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
+
+
+def find_rivals(
+    s: Search, best: Scored, whites: tuple[Whitener, Whitener], known: list[Scored], keep: int = 6
+) -> dict[Term, list[Rival]]:
+    """Rivals of every term, nearest first.
+
+    Args:
+        best: the chosen fit, scored under `whites`. known: fits of single effects from the search, reused where
+            the chosen hypothesis has one term.
+    """
+    out: dict[Term, list[Rival]] = {}
+    ctx = s.sim.ctx
+    terms = best.fit.hypothesis.terms
+    for term in terms:
+        s.say(f"weighing alternatives to {term}")
+        base_h = best.fit.hypothesis.without(term)
+        parts = best.fit.hypothesis.split(ctx, best.fit.theta)
+        base = Fitted(base_h, base_h.gather(ctx, parts), base_h.gather(ctx, parts))
+        pool = [k.fit for k in known if len(terms) == 1 and k.fit.hypothesis != best.fit.hypothesis]
+        if len(pool) < 3:
+            candidates = [t for t in s.terms if t != term and compatible(base_h, t)]
+            screened, _ = s.screened(base, whites[0], candidates)
+            pool = screened[:keep]
+        fits = fit(s.sim, pool[:keep], s.train, whites[0], iterations=4)
+        rivals = []
+        for r in s.score(fits, whites):
+            other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
+            if other is not None and other != term:
+                rivals.append(_compare(s, best, term, r, other))
+        out[term] = sorted(rivals, key=lambda r: r.margin)
+    return out
+
+
+def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) -> Rival:
+    d = rival.losses - best.losses
+    margin, error = float(d.mean()), standard_error(d)
+    if margin > max(2.0 * error, TIE):
+        return Rival(other, rival.fit, margin, error, f"its prediction error is {margin / error:.0f} deviations larger")
+    if other.place == term.place and other.id in SPECIAL_CASES.get(term.id, ()):
+        why = f"it contains {term.id.replace('_', ' ')} as a special case and gains nothing by its further parameters"
+        return Rival(other, rival.fit, margin, error, why)
+    if other.effect.tier > term.effect.tier:
+        why = "it fits as well, but is the less direct explanation"
+        return Rival(other, rival.fit, margin, error, why)
+    if not s.named(rival.fit, best.fit.hypothesis.without(term)):
+        return Rival(other, rival.fit, margin, error, "the data do not determine its parameters")
+    if rival.directions > best.directions + 1:
+        return Rival(other, rival.fit, margin, error, "it needs more free parameters for the same fit")
+    return Rival(other, rival.fit, margin, error, "the data cannot tell the two apart", tied=True)

@@ -1,0 +1,93 @@
+"""Sentences for people."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.hypothesis import Term
+
+if TYPE_CHECKING:
+    from mpge_jax.diagnosis.diagnosis import Diagnosis
+
+
+def quantity(entry: dict[str, Any]) -> str:
+    """'0.70 N m' or '(0.1, 0, 0.2) m' from a parameter entry."""
+    value, unit = entry["value"], entry["unit"]
+    low, high = np.atleast_1d(entry["low"]).astype(float), np.atleast_1d(entry["high"]).astype(float)
+    width = np.nan_to_num(high - low)
+    shown = [_digits(v, w) for v, w in zip(np.atleast_1d(value).astype(float), width, strict=True)]
+    text = shown[0] if not isinstance(value, list) else f"({', '.join(shown)})"
+    return text if unit == "1" else f"{text} {unit}"
+
+
+def _digits(value: float, width: float) -> str:
+    """A number with two digits of its uncertainty, four digits at most."""
+    if not np.isfinite(value):
+        return "unknown"
+    if value == 0:
+        return "0"
+    size = np.floor(np.log10(abs(value)))
+    fine = np.floor(np.log10(width)) if width > 0 else size - 3
+    digits = int(np.clip(size - fine + 1, 2, 4))
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.{max(0, int(digits - 1 - size))}f}" if -5 < size < 6 else text
+
+
+def sentence(d: Diagnosis, f: Fitted, term: Term) -> str:
+    from mpge_jax.diagnosis.outputs import parameters
+
+    values = {k: quantity(v) for k, v in parameters(d, f, term).items()}
+    text = term.effect.sentence(term.place, values)
+    return text[0].upper() + text[1:]
+
+
+def explanation(d: Diagnosis) -> str:
+    """What a technician needs to know, in a few sentences."""
+    from mpge_jax.diagnosis.outputs import candidates_of
+
+    parts: list[str] = []
+    ambiguous = candidates_of(d)
+    for term in d.terms:
+        if term in ambiguous:
+            options = [sentence(d, f, _differing(d, f, term)) for f in ambiguous[term]]
+            parts.append("The recordings cannot tell these apart: " + " Or: ".join(options))
+        else:
+            parts.append(sentence(d, d.fit, term))
+    if d.actuators is not None:
+        parts += d.actuators.sentences
+    if d.unexplained is not None:
+        where = " and ".join(d.unexplained["at"]) or "the machine"
+        known = "Beyond that, something" if d.terms else "Something"
+        parts.append(
+            f"{known} acts at the {where} that no known effect explains: {d.unexplained['when']}. It makes up "
+            f"{100 * d.unexplained['share']:.0f} % of the squared prediction error."
+        )
+    if not parts:
+        parts.append("Nothing is missing: the model predicts the recordings as well as the measurement noise allows.")
+    before, after = d.held.before.rms, d.held.after.rms
+    if d.terms:
+        parts.append(
+            f"On recordings that were not used for fitting, the prediction error over {d.held.windows.times.max():.2g} s "
+            f"falls from {before:.3g} to {after:.3g} ({before / max(after, 1e-12):.1f} times less; noise alone gives "
+            f"{d.held.floor:.2g})."
+        )
+    return " ".join(parts)
+
+
+def _differing(d: Diagnosis, f: Fitted, term: Term) -> Term:
+    if term in f.hypothesis.terms:
+        return term
+    return next(t for t in f.hypothesis.terms if t not in d.terms)
+
+
+def separation(d: Diagnosis, term: Term, fits: list[Fitted]) -> str:
+    """The experiment that would tell the candidates apart."""
+    remedies = []
+    for f in fits:
+        other = _differing(d, f, term)
+        remedies.append(other.effect.remedy)
+    unique = list(dict.fromkeys(r for r in remedies if r))
+    return "; ".join(unique)[:600] or "move every joint over its whole range at several speeds"
