@@ -5,10 +5,15 @@
 >>> state = jax.jit(env.step)(state, jnp.zeros(env.action_size))
 """
 
+from typing import TYPE_CHECKING
+
 from envs.env import Env
 from envs.registry import BACKENDS, DYNAMICS, build_model, make, names, register, source_of
 from envs.types import Engine, State, Task, Variant
 from envs.wrappers import AutoReset, Environment
+
+if TYPE_CHECKING:
+    from envs.brax_bridge import BraxBridge
 
 __all__ = [
     "BACKENDS",
@@ -29,8 +34,10 @@ __all__ = [
 ]
 
 
-def as_brax(env: Environment):  # noqa: ANN201  (brax is imported where it is used: it takes seconds)
-    """`env` as a `brax.envs.Env`."""
+def as_brax(env: Environment) -> "BraxBridge":
+    """`env` as a `brax.envs.Env`; for brax's `EpisodeWrapper`, `env.max_steps` is the time limit."""
+    # Here, as brax takes seconds to import; after MJX, which brax imports too, to keep the note on Warp out of sight.
+    import envs._mjx  # noqa: F401
     from envs.brax_bridge import BraxBridge
 
     return BraxBridge(env)

@@ -1,5 +1,6 @@
 """MuJoCo's C engine inside JAX: many simulations of one model behind `jax.pure_callback`."""
 
+import dataclasses
 import os
 import threading
 import warnings
@@ -15,7 +16,7 @@ import numpy as np
 
 def _devices_exist() -> bool:
     # JAX lets the number of its CPU devices change until it has made them; there is no other public way to ask.
-    number = jax.config.jax_num_cpu_devices
+    number: int = jax.config.jax_num_cpu_devices  # type: ignore[attr-defined]
     try:
         jax.config.update("jax_num_cpu_devices", number + 2)
     except RuntimeError:
@@ -115,7 +116,7 @@ class CEngine:
 
         fields = (getattr(data, name) for name in self._carried)
         values = jax.pure_callback(host, shapes, ctrl, *fields, vmap_method="broadcast_all")
-        return data.replace(**dict(zip(self._returned, values, strict=True)))
+        return dataclasses.replace(data, **dict(zip(self._returned, values, strict=True)))
 
     def _step(self, ctrl: np.ndarray, fields: list[np.ndarray], count: int, dtype: Any) -> list[np.ndarray]:
         lead = ctrl.shape[:-1]

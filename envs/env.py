@@ -1,5 +1,7 @@
 """The environment: a task, perhaps a variant of it, and the engine that moves it."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -20,6 +22,10 @@ class Env:
       action_low, action_high: the action box, `[A]`, in the actuators' own units.
       dt: seconds of one step.
       max_steps: time limit of an episode in steps.
+
+    Raises:
+      ValueError: an actuator without a control range, or a function of the task or variant that returns another shape
+        than it should.
     """
 
     def __init__(self, task: Task, model: mujoco.MjModel, engine: Engine, variant: Variant | None = None):
@@ -28,13 +34,19 @@ class Env:
         self.variant = variant
         self.model = model
         self.engine = engine
+        unlimited = [
+            model.actuator(i).name or str(i) for i in range(model.nu) if not model.actuator_ctrllimited[i]
+        ]
+        if unlimited or not model.nu:
+            which = f"actuator {unlimited[0]} has none" if unlimited else "it has no actuators"
+            raise ValueError(f"{self.name}: the model's actuators need a ctrlrange, the action box; {which}")
         self.action_size = int(model.nu)
         self.action_low, self.action_high = (
             np.array(side, np.float32) for side in model.actuator_ctrlrange.T
         )
         self.dt = float(model.opt.timestep * task.frame_skip)
         self.max_steps = task.max_steps
-        self.observation_size = int(jax.eval_shape(self.reset, jax.random.key(0)).obs.shape[0])
+        self.observation_size = self._check_shapes()
 
     def reset(self, key: jax.Array) -> State:
         """The first state of an episode. `key` is consumed."""
@@ -44,24 +56,33 @@ class Env:
         """A state that has the observation `obs [O]`, at step 0 of an episode (free root positions are 0).
 
         Raises:
-          ValueError: where the task's observation does not determine its state.
+          ValueError: where the task's observation does not determine its state, or `obs` has another shape.
         """
         if self.task.to_state is None:
             raise ValueError(
                 f"{self.task.name} has no to_state: its observation does not determine the state"
+            )
+        if obs.shape != (self.observation_size,):
+            raise ValueError(
+                f"{self.name} has observations of shape ({self.observation_size},), got {obs.shape}"
             )
         return self._first_state(*self.task.to_state(obs))
 
     def step(self, state: State, action: jax.Array, charged: jax.Array | None = None) -> State:
         """One step under `action [A]`, clipped to the action box. `done` is `terminated` or `truncated`.
 
-        The reward is that of the action executed, or of `charged [A]` where given (a control cost that belongs to
-        what an agent asked for, whatever became of it).
+        The reward charges the action as the variant changes it, before it is clipped (as Gymnasium's tasks do), or
+        `charged [A]` where given: a control cost that belongs to what an agent asked for, whatever became of it.
+
+        Raises:
+          ValueError: `action` or `charged` has another shape; batch with `jax.vmap`.
         """
-        if action.shape != (self.action_size,):
-            raise ValueError(
-                f"{self.name}.step wants an action of shape ({self.action_size},), got {action.shape}"
-            )
+        for given in (action, charged):
+            if given is not None and given.shape != (self.action_size,):
+                raise ValueError(
+                    f"{self.name}.step wants an action of shape ({self.action_size},), got {given.shape}; "
+                    "batch with jax.vmap"
+                )
         low, high = jnp.asarray(self.action_low, action.dtype), jnp.asarray(self.action_high, action.dtype)
         if self.variant is not None and self.variant.action is not None:
             action = self.variant.action(action, low, high)
@@ -69,7 +90,7 @@ class Env:
         reward, metrics = self.task.reward(state.data, action if charged is None else charged, data, self.dt)
         obs = self.task.observe(data)
         steps = state.info["steps"] + 1
-        terminated = self.task.terminated(data).astype(obs.dtype)
+        terminated = (self.task.terminated(data) | ~jnp.all(jnp.isfinite(obs))).astype(obs.dtype)
         truncated = (steps >= self.max_steps).astype(obs.dtype)
         info = {
             **state.info,
@@ -88,3 +109,24 @@ class Env:
         _, metrics = self.task.reward(data, action, data, self.dt)
         info = {"terminated": zero, "truncated": zero, "steps": jnp.zeros((), jnp.int32), "next_obs": obs}
         return State(data, obs, zero, zero, jax.tree.map(jnp.zeros_like, metrics), info)
+
+    def _check_shapes(self) -> int:
+        """The observation's size; what the task's and the variant's functions return is checked on the way."""
+        qpos, qvel = jax.eval_shape(self.task.reset, jax.random.key(0))
+        self._check_shape("reset's qpos", qpos, (self.model.nq,))
+        self._check_shape("reset's qvel", qvel, (self.model.nv,))
+        data = jax.eval_shape(self.engine.init, qpos, qvel)
+        obs = jax.eval_shape(self.task.observe, data)
+        self._check_shape("observe", obs, (obs.size,))
+        action = jax.ShapeDtypeStruct((self.action_size,), obs.dtype)
+        reward, _ = jax.eval_shape(lambda d, a: self.task.reward(d, a, d, self.dt), data, action)
+        self._check_shape("reward", reward, ())
+        self._check_shape("terminated", jax.eval_shape(self.task.terminated, data), ())
+        if self.variant is not None and self.variant.action is not None:
+            changed = jax.eval_shape(self.variant.action, action, action, action)
+            self._check_shape("the variant's action", changed, (self.action_size,))
+        return int(obs.size)
+
+    def _check_shape(self, what: str, value: Any, shape: tuple[int, ...]) -> None:
+        if value.shape != shape:
+            raise ValueError(f"{self.name}: {what} has shape {value.shape} where {shape} is wanted")

@@ -23,7 +23,10 @@ def use_legacy_inertia(spec: mujoco.MjSpec) -> None:
             quat=compiled.geom_quat[geom.id],
             contype=0,
             conaffinity=0,
-            group=5,
+            group=geom.group,
+            # Fully transparent: neither drawn nor met by rays.
+            material="",
+            rgba=[0.0, 0.0, 0.0, 0.0],
         )
-        twin.density, twin.mass = geom.density, geom.mass
+        twin.density, twin.mass, twin.typeinertia = geom.density, geom.mass, geom.typeinertia
         geom.mass = 0.0

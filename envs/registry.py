@@ -2,7 +2,6 @@
 
 import difflib
 import importlib.util
-import warnings
 from collections.abc import Iterable
 
 import jax
@@ -69,12 +68,12 @@ def make(name: str, backend: str = "auto", dynamics: str = "mujoco") -> Env:
 
     Args:
       name: one of `names()`.
-      backend: "c" (MuJoCo's C engine), "mjx" (MJX in JAX), "warp" (MJX-Warp), or "auto": "c" on CPU, "warp" on an NVIDIA
-        GPU where Warp is installed, else "mjx".
+      backend: "c" (MuJoCo's C engine), "mjx" (MJX in JAX), "warp" (MJX-Warp), or "auto": "c" on CPU, "warp" on an
+        NVIDIA GPU where Warp is installed, else "mjx".
       dynamics: "mujoco" as installed, or "legacy" with the capsule inertia of MuJoCo before 2.1.2.
 
     Raises:
-      ValueError: a name that is not known (the nearest is offered).
+      ValueError: a name that is not known (the nearest is offered), or a model that the backend cannot simulate.
     """
     _check(name, names(), "environment")
     _check(backend, BACKENDS, "backend")
@@ -89,10 +88,12 @@ def _engine(model: mujoco.MjModel, backend: str) -> Engine:
         backend = _best_backend()
     if backend == "c":
         return CEngine(model)
+    if backend == "warp" and not _has_warp():
+        raise ValueError(
+            "backend 'warp' needs an NVIDIA GPU and Warp: pip install 'mpge-jax[cuda]', or take 'mjx'"
+        )
     # MJX takes seconds to import and is not needed on CPU.
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        from envs.mjx_engine import MJXEngine
+    from envs.mjx_engine import MJXEngine
 
     return MJXEngine(model, "warp" if backend == "warp" else "jax")
 
@@ -100,8 +101,15 @@ def _engine(model: mujoco.MjModel, backend: str) -> Engine:
 def _best_backend() -> str:
     if jax.default_backend() == "cpu":
         return "c"
-    nvidia = jax.default_backend() in ("gpu", "cuda")
-    return "warp" if nvidia and importlib.util.find_spec("warp") else "mjx"
+    return "warp" if _has_warp() else "mjx"
+
+
+def _has_warp() -> bool:
+    try:
+        jax.devices("cuda")
+    except RuntimeError:
+        return False
+    return importlib.util.find_spec("warp") is not None
 
 
 def _check(name: str, known: Iterable[str], kind: str) -> None:

@@ -1,5 +1,6 @@
 """Wrappers with the interface of an environment."""
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import jax
@@ -53,7 +54,15 @@ class AutoReset:
         pick = lambda new, old: jnp.where(ended, new, old)  # noqa: E731
         kept = {name: after.info[name] for name in ("terminated", "truncated", "next_obs")}
         return after.replace(
-            data=jax.tree.map(pick, first.data, after.data),
+            data=_pick_data(pick, first.data, after.data),
             obs=pick(first.obs, after.obs),
             info={**jax.tree.map(pick, first.info, after.info), **kept, "key": key},
         )
+
+
+def _pick_data(pick: Callable[[jax.Array, jax.Array], jax.Array], first: Any, after: Any) -> Any:
+    if not hasattr(after, "_impl"):
+        return jax.tree.map(pick, first, after)
+    # MJX's `_impl` is scratch space, computed anew by every step; Warp's is shared by all copies and cannot be picked.
+    public = jax.tree.map(pick, first.replace(_impl=None), after.replace(_impl=None))
+    return public.replace(_impl=after._impl)

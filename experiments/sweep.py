@@ -119,9 +119,11 @@ def sweep(args: Args) -> int:
         try:
             outcome = methods.run(cell, folder.cell(cell.method, cell.samples), args.quiet)
         except Exception as error:
-            failures[f"{cell.method}-{cell.samples}"] = f"{type(error).__name__}: {error}"
+            # Errors of XLA run over many lines; all of them are in the cell's error.json.
+            summary = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+            failures[f"{cell.method}-{cell.samples}"] = summary
             folder.save_error(cell.method, cell.samples, traceback.format_exc())
-            console.print(f"{label}: failed, {type(error).__name__}: {error}", highlight=False)
+            console.print(f"{label}: failed, {summary}", highlight=False, markup=False)
             continue
         seconds = time.monotonic() - started
         rows = [{**row, "seconds": round(seconds / len(outcome.rows), 1)} for row in outcome.rows]

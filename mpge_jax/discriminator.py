@@ -187,10 +187,8 @@ def update(
     stats = normalise.update(state.stats, jnp.concatenate([both.observation, both.action], axis=-1))
     inputs = network_inputs(stats, both, config.std_floor)
     rows = grounded.observation.shape[0]
-    if config.interpolation == "per_sample":
-        weight = jax.random.uniform(key, (rows, 1))
-    else:
-        weight = state.interpolation[None]
+    per_sample = config.interpolation == "per_sample"
+    weight = jax.random.uniform(key, (rows, 1)) if per_sample else state.interpolation[None]
 
     (_, metrics), gradient = jax.value_and_grad(loss, has_aux=True)(
         state.params, inputs[:rows], inputs[rows:], weight, config

@@ -141,7 +141,6 @@ class _Store:
         here = f"The checkpoint in {self._folder / str(step)}"
         remedy = "remove that folder to start anew, or choose another."
         leaves, structure = jax.tree.flatten(state)
-        template = {name: jax.ShapeDtypeStruct(x.shape, x.dtype) for name, x in _named(leaves).items()}
         try:
             identity = self._manager.restore(
                 step, args=ocp.args.Composite(identity=ocp.args.JsonRestore())
@@ -156,13 +155,15 @@ class _Store:
         try:
             saved = self._manager.restore(
                 step,
-                args=ocp.args.Composite(
-                    state=ocp.args.StandardRestore(template), curve=ocp.args.StandardRestore()
-                ),
+                args=ocp.args.Composite(state=ocp.args.StandardRestore(), curve=ocp.args.StandardRestore()),
             )
         except Exception as error:
             raise ValueError(f"{here} cannot be read ({type(error).__name__}); {remedy}") from error
-        restored = [_like(saved.state[str(i)], x) if str(i) in template else x for i, x in enumerate(leaves)]
+        # Compared here: given the shapes, orbax would cut or pad what it reads.
+        found = {name: np.asarray(value) for name, value in saved.state.items()}
+        if _layout(found) != _layout(_named(leaves)):
+            raise ValueError(f"{here} holds a state of other shapes than this run's; {remedy}")
+        restored = [_like(found[str(i)], x) if str(i) in found else x for i, x in enumerate(leaves)]
         curve = {name: np.asarray(value) for name, value in saved.curve.items()}
         rows = [{name: values[i] for name, values in curve.items()} for i in range(step)]
         return jax.tree.unflatten(structure, restored), rows
@@ -186,6 +187,10 @@ class _Store:
 def _named(leaves: list[Any]) -> dict[str, np.ndarray]:
     """What orbax stores: leaves by number, without those of no elements (fields that a model does not have)."""
     return {str(i): _plain(leaf) for i, leaf in enumerate(leaves) if leaf.size}
+
+
+def _layout(arrays: dict[str, np.ndarray]) -> dict[str, tuple[Any, ...]]:
+    return {name: (array.shape, array.dtype) for name, array in arrays.items()}
 
 
 def _is_key(leaf: Any) -> bool:

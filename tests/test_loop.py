@@ -180,11 +180,13 @@ def test_a_longer_checkpoint_is_refused(tmp_path):
 def test_a_state_of_other_shapes_is_refused(tmp_path):
     looped(2, tmp_path)
     other = {**start(), "x": jnp.zeros(5)}
-    with pytest.raises(ValueError, match="cannot be read|shape") as error:
+    with pytest.raises(ValueError, match="holds a state of other shapes than this run's; remove") as error:
         loop.run(update, other, 4, folder=tmp_path, identity=IDENTITY, quiet=True)
     assert "\n" not in str(error.value)
 
 
+# orbax's own threads stumble over what is missing, after the error was raised.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("damage", ["half", "empty", "missing"])
 def test_a_damaged_checkpoint_is_refused_in_one_sentence(tmp_path, damage):
     """File by file: either the run goes on to the right bits, or it says which folder cannot be read."""

@@ -106,7 +106,7 @@ def test_a_damaged_file_is_named_in_one_sentence(tmp_path, damage):
 
 
 def test_a_missing_set_says_how_to_make_one(tmp_path):
-    with pytest.raises(FileNotFoundError, match="python -m experiments.pretrain"):
+    with pytest.raises(FileNotFoundError, match=r"python -m experiments\.pretrain"):
         policies.load(tmp_path / "none.npz")
     with pytest.raises(FileNotFoundError, match="Nothing-MS"):
         policies.shipped("Nothing", "MS")

@@ -25,6 +25,7 @@ from rich.progress import (
 
 from experiments.blind.build import Counts as CaseCounts
 from experiments.blind.build import build
+from experiments.blind.case import Unfit
 from experiments.blind.run import run_all
 from experiments.blind.score import write_score
 
@@ -111,7 +112,7 @@ def main(args: list[str] | None = None) -> int:
                     progress=progress,
                 )
         return 0
-    except (ValueError, FileNotFoundError) as problem:
+    except (ValueError, FileNotFoundError, Unfit) as problem:
         print(f"error: {problem}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -54,10 +54,14 @@ def wishes(rng: np.random.Generator, counts: Counts) -> list[Wish]:
     """All cases of a benchmark, shuffled so that a case's number says nothing."""
     out = [Wish("single", (effect,)) for effect in PARAMETERS for _ in range(counts.repeats)]
     for count, kind, size in ((counts.pairs, "pair", 2), (counts.triples, "triple", 3)):
-        for _ in range(count):
+        drawn = 0
+        while drawn < count:
             families = rng.choice(len(FAMILIES), size, replace=False)
             allowed = [[e for e in FAMILIES[f] if e not in ALONE] or list(FAMILIES[0]) for f in families]
-            out.append(Wish(kind, tuple(str(rng.choice(effects)) for effects in allowed)))
+            wish = Wish(kind, tuple(str(rng.choice(effects)) for effects in allowed))
+            if any(all(effect in robot.places for effect in wish.effects) for robot in ROBOTS.values()):
+                out.append(wish)
+                drawn += 1
     strange = list(UNKNOWN)
     out += [Wish("unknown", (strange[i % len(strange)],)) for i in range(counts.unknown)]
     out += [Wish("null")] * counts.nulls
@@ -140,6 +144,20 @@ def build_case(
     raise Unfit(f"{wish.kind} case {wish.effects} was not drawn in {ATTEMPTS} attempts")
 
 
+def _built(wish: Wish, folder: Path, seed: int, number: int, counts: Counts, used: dict[str, int]) -> dict:
+    """The wished case; two or three effects that cannot be drawn together give way to others."""
+    for retry in range(4):
+        try:
+            return build_case(wish, folder, [seed, 1, number, retry], used)
+        except Unfit:
+            if retry == 3:
+                raise
+            if wish.kind in ("pair", "triple"):
+                others = wishes(np.random.default_rng([seed, 2, number, retry]), counts)
+                wish = next(other for other in others if other.kind == wish.kind)
+    raise AssertionError("unreachable")
+
+
 def build(
     out: Path,
     answers: Path,
@@ -171,7 +189,7 @@ def build(
             used[model] = used.get(model, 0) + 1
         else:
             shutil.rmtree(out / name, ignore_errors=True)
-            result = build_case(wish, out / name, [seed, 1, number], used)
+            result = _built(wish, out / name, seed, number, counts, used)
             partial = target.with_suffix(".partial")
             partial.write_text(json.dumps({"case": name, **result}, indent=1))
             partial.rename(target)

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
+from scipy.spatial.transform import Rotation
 
 from experiments.blind.excitation import Reference
 
@@ -178,6 +179,32 @@ class Push:
         return np.array([*(force + friction), weight * self.ref.q[row, 2], yaw])
 
 
+@dataclass
+class Quad:
+    """Quadrotor with a free joint: position loop, then the attitude that points the thrust; heading zero."""
+
+    model: mujoco.MjModel
+    ref: Reference
+    bandwidth: float
+
+    def __post_init__(self) -> None:
+        m = self.model
+        x, y = m.site_pos[:, 0], m.site_pos[:, 1]
+        self.mixer = np.linalg.inv(np.stack([np.ones(4), y, -x, m.actuator_gear[:, 5]]))
+
+    def command(self, row: int, t: float, q: Array, v: Array) -> Array:
+        m, w = self.model, self.bandwidth
+        wish = self.ref.a[row] + w**2 * (self.ref.q[row] - q[:3]) + 1.8 * w * (self.ref.v[row] - v[:3])
+        wish = np.clip(wish, -4, 4) - m.opt.gravity
+        to_world = Rotation.from_quat(np.roll(q[3:], -1)).as_matrix()
+        mass, up = float(m.body_mass.sum()), to_world[:, 2]
+        error = to_world.T @ np.cross(up, wish / np.linalg.norm(wish))
+        error[2] = -0.3 * np.arctan2(to_world[1, 0], to_world[0, 0])
+        fast = 3.5 * w
+        torque = m.body("frame").inertia * (fast**2 * error - 1.6 * fast * v[3:])
+        return self.mixer @ np.concatenate([[mass * wish @ up], torque])
+
+
 CONTROLLERS: dict[str, Callable[[mujoco.MjModel, Reference, float], Controller]] = {
     "torque": Torque,
     "servo": Servo,
@@ -185,4 +212,5 @@ CONTROLLERS: dict[str, Callable[[mujoco.MjModel, Reference, float], Controller]]
     "cart": Cart,
     "drone": Drone,
     "push": Push,
+    "quad": Quad,
 }

@@ -37,6 +37,8 @@ def twins_of(robot: Robot, model: mujoco.MjModel, effect: Effect, with_force: bo
         return Twins((("quadratic_drag", _body_of(model, effect.at)),))
     if effect.id == "actuator_bias" and not with_force and _drives_slide(model, effect.at):
         return Twins((("external_force", _body_of(model, _joint_of(model, effect.at))),))
+    if effect.id == "armature" and int(model.joint(effect.at).type[0]) == int(mujoco.mjtJoint.mjJNT_SLIDE):
+        return Twins((("payload_mass", _body_of(model, effect.at)),))
     if model.nv == 1 and not with_force:
         if effect.id == "actuator_delay":
             return Twins((("sensor_delay", model.joint(0).name),), coin=True)

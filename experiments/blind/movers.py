@@ -1,4 +1,4 @@
-"""Machines that move along or against the world: a crane, a drone, a leg on a boom, a pushed block."""
+"""Machines that move along or against the world: a crane, drones, a leg on a boom, a pushed block."""
 
 from experiments.blind.robot import HERE, Robot, places_of
 
@@ -95,6 +95,27 @@ MOVERS = (
         bandwidth=6.0,
         top=1.0,
         steps=((0.001, "implicitfast"),),
+        plane=(0, 1, 2),
+    ),
+    Robot(
+        "quad",
+        HERE / "quad.xml",
+        "quad",
+        ((0.0, 0.8), (0.0, 0.8), (1.0, 0.5)),
+        places_of(
+            (),
+            ("rotor_fl", "rotor_fr", "rotor_rl", "rotor_rr"),
+            dead_actuator=(),
+            actuator_deadzone=(),
+            quadratic_drag=("frame",),
+            payload_mass=("frame",),
+            com_offset=("frame",),
+            mass_scale=("world",),
+            external_force=("frame",),
+        ),
+        bandwidth=2.5,
+        top=0.7,
+        steps=((0.001, "Euler"), (0.0005, "implicitfast")),
         plane=(0, 1, 2),
     ),
 )

@@ -38,18 +38,18 @@ class History:
 class Stages:
     """Everything that effects add. Callables are run in every sub-step, in the order in which they were added."""
 
-    spec: list[Callable[[mujoco.MjSpec], None]] = field(default_factory=list)  # before compilation
-    model: list[Callable[[Plant], None]] = field(default_factory=list)  # after compilation
-    command: list[Callable[[Plant, Array], Array]] = field(default_factory=list)  # command -> delayed command
-    force: list[Callable[[Plant, Array], Array]] = field(
-        default_factory=list
-    )  # actuator force -> actuator force
-    joint: list[Callable[[Plant, Array], None]] = field(default_factory=list)  # adds to the generalised force
-    friction: list[Callable[[Plant], DryFriction]] = field(default_factory=list)  # made after compilation
-    sensor: list[Callable[[Plant, History, Array, Array], None]] = field(
-        default_factory=list
-    )  # edits a measured row
-    restart: list[Callable[[], None]] = field(default_factory=list)  # forget delay lines and filters
-    drive_joint: dict[str, str] = field(
-        default_factory=dict
-    )  # joint -> joint that its actuators move instead
+    # Edits of the model's source, before compilation, and of the compiled plant.
+    spec: list[Callable[[mujoco.MjSpec], None]] = field(default_factory=list)
+    model: list[Callable[[Plant], None]] = field(default_factory=list)
+    # Command [nu] to the command that the actuators see; actuator force [nu] to actuator force.
+    command: list[Callable[[Plant, Array], Array]] = field(default_factory=list)
+    force: list[Callable[[Plant, Array], Array]] = field(default_factory=list)
+    # Adds to the generalised force [nv]; makes a dry friction once the plant is compiled.
+    joint: list[Callable[[Plant, Array], None]] = field(default_factory=list)
+    friction: list[Callable[[Plant], DryFriction]] = field(default_factory=list)
+    # Edits one measured row, qpos [nq] and qvel [nv].
+    sensor: list[Callable[[Plant, History, Array, Array], None]] = field(default_factory=list)
+    # Forgets delay lines and filters.
+    restart: list[Callable[[], None]] = field(default_factory=list)
+    # Joint to the joint that its actuators move instead.
+    drive_joint: dict[str, str] = field(default_factory=dict)

@@ -54,8 +54,8 @@ TRANSMISSION = ("backlash", "joint_flexibility")
 class Effect:
     """One hidden effect: identifier, MJCF name of the place, parameters in SI units (vectors as lists).
 
-    Raises ValueError for an unknown identifier or parameter names that do not belong to it, unless `kind` says
-    that it is an effect outside the vocabulary.
+    Raises ValueError for an unknown identifier or parameter names that do not belong to it, unless it is
+    `unknown`: an effect outside the vocabulary.
     """
 
     id: str

@@ -27,7 +27,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     """
     out: dict[str, np.ndarray] = {}
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             if not isinstance(data, np.lib.npyio.NpzFile):
                 raise InputError(f"{path.name} is a single array, not an .npz archive.")
             for key in _KEYS:

@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.whiten import Whitener, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
-KEEP = 8
+KEEP = 7
 """Candidates that are fitted properly after screening."""
 SCREEN_WINDOWS = 14
 HOPELESS = 0.06
@@ -119,7 +119,7 @@ class Search:
         if base.hypothesis.terms and (not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)):
             self.whites = whites
             return [], self.score([base], whites)[0]
-        fits = fit(self.sim, _with_simpler(screened, keep), self.train, whites[0], iterations=5)
+        fits = fit(self.sim, _with_simpler(screened, keep), self.train, whites[0], iterations=4)
         fits.sort(key=lambda f: f.loss)
         winner = None
         for _ in range(2):
@@ -224,10 +224,18 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
 
 
 def _beam(ranked: list[Scored], chosen: Scored, width: int = 3) -> list[Scored]:
-    out = [chosen]
+    """The chosen fit and the best ones of another kind or at another place."""
+
+    def kind(s: Scored) -> tuple[str, object]:
+        term = s.fit.hypothesis.terms[-1]
+        return ("friction" if "friction" in term.id or "damping" in term.id else term.id, term.place)
+
+    out, kinds = [chosen], {kind(chosen)}
     for r in ranked:
-        if r.fit.hypothesis != chosen.fit.hypothesis and len(out) < width:
+        # a first effect that explains next to nothing is no start for a pair
+        if kind(r) not in kinds and len(out) < width and r.losses.mean() < 3.0 * chosen.losses.mean():
             out.append(r)
+            kinds.add(kind(r))
     return out
 
 
@@ -236,20 +244,20 @@ def _second_round(s: Search, chosen: Scored, beam: list[Scored]) -> tuple[Fitted
     pairs: dict[Hypothesis, Fitted] = {}
     for b in beam:
         s.say(f"looking for effect 2 beside {b.fit.hypothesis}")
-        ranked, base = s.compete(b.fit, s.terms, keep=6)
-        for r in ranked[:4]:
-            old = pairs.get(r.fit.hypothesis)
-            if old is None or r.fit.loss < old.loss:
-                pairs[r.fit.hypothesis] = r.fit
+        white = s.whiten(b.fit)[0]
+        screened, _ = s.screened(b.fit, white, [t for t in s.terms if compatible(b.fit.hypothesis, t)])
+        for f in _with_simpler(screened, 4):
+            old = pairs.get(f.hypothesis)
+            if old is None or f.loss < old.loss:
+                pairs[f.hypothesis] = f
     if not pairs:
         return chosen.fit, [chosen]
     fits = sorted(pairs.values(), key=lambda f: f.loss)[:8]
     # under one whitening, so that pairs can be compared
     whites = s.whiten(fits[0])
+    fits = sorted(fit(s.sim, fits, s.train, whites[0], iterations=4), key=lambda f: f.loss)[:5]
+    whites = s.whiten(fits[0])
     fits = fit(s.sim, fits, s.train, whites[0], iterations=4)
-    best = min(fits, key=lambda f: f.loss)
-    whites = s.whiten(best)
-    fits = fit(s.sim, fits, s.train, whites[0], iterations=3)
     s.whites = whites
     scored = s.score([*fits, chosen.fit], whites)
     ranked = sorted(scored[:-1], key=lambda r: r.losses.mean())

@@ -1,0 +1,122 @@
+"""The corrected machine, rebuilt from `effects.json`: in C MuJoCo and in JAX, for policy learning."""
+
+from __future__ import annotations
+
+import copy
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis import stepping
+from mpge_jax.diagnosis.effects.base import REGISTRY, find_place, nominal_context
+from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.model import compile_variable, load_spec
+from mpge_jax.diagnosis.stepping import Machine
+
+
+@dataclass(frozen=True)
+class CorrectedModel:
+    """A nominal model with effects, ready to be stepped."""
+
+    machine: Machine
+
+    @staticmethod
+    def build(model: str | Path | mujoco.MjSpec | mujoco.MjModel, effects: list[dict[str, Any]]) -> CorrectedModel:
+        """Rebuild from the nominal model and the entries of `effects.json`.
+
+        Raises:
+            InputError: an effect or its place is unknown, or a parameter is missing.
+        """
+        compiled = copy.copy(model) if isinstance(model, mujoco.MjModel) else compile_variable(load_spec(model))
+        ctx = nominal_context(compiled)
+        parts: dict[Term, np.ndarray] = {}
+        for entry in effects:
+            try:
+                effect = REGISTRY[entry["id"]]
+                place = find_place(ctx, effect, entry["at"])
+                parts[Term(effect.id, place)] = effect.from_report(ctx, place, entry["parameters"])
+            except KeyError as error:
+                raise InputError(f"effects: {error} is unknown or missing in {entry.get('id', entry)}.") from None
+            except ValueError as error:
+                raise InputError(f"effects: {error}") from None
+        h = Hypothesis.of(*parts)
+        return CorrectedModel(Machine.build(ctx, h.terms, tuple(parts[t] for t in h.terms)))
+
+    @staticmethod
+    def load(model: str | Path | mujoco.MjSpec, effects_json: str | Path) -> CorrectedModel:
+        """Rebuild from the nominal model's file and an `effects.json`."""
+        try:
+            table = json.loads(Path(effects_json).read_text(encoding="utf-8"))
+            return CorrectedModel.build(model, table["effects"])
+        except (OSError, KeyError, json.JSONDecodeError) as error:
+            raise InputError(f"cannot read {Path(effects_json).name}: {error}.") from None
+
+    def c_stepper(self) -> CStepper:
+        """The machine in MuJoCo's C engine."""
+        return CStepper(self.machine)
+
+    def jax_engine(self) -> Any:
+        """The machine in JAX (MJX): pure `init(qpos, qvel)` and `step(data, ctrl, count)`; jit and vmap."""
+        from mpge_jax.diagnosis.jax_engine import CorrectedEngine
+
+        return CorrectedEngine(self.machine)
+
+
+class CStepper:
+    """Step a corrected machine on one MjData."""
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        self.model = copy.copy(machine.model)
+        self.data = mujoco.MjData(self.model)
+        self._commands: tuple[Any, ...] | None = None
+        self._forces: tuple[Any, ...] | None = None
+        self._past: list[tuple[float, np.ndarray]] = []
+
+    def reset(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = qpos, qvel
+        mujoco.mj_forward(self.model, self.data)
+        self._commands = self._forces = None
+        self._past = [(0.0, np.array(qpos, dtype=float))]
+
+    def _body_velocity(self, body: int) -> np.ndarray:
+        root = int(self.model.body_rootid[body])
+        arm = self.data.xipos[body] - self.data.subtree_com[root]
+        return self.data.cvel[body, 3:] + np.cross(self.data.cvel[body, :3], arm)
+
+    def step(self, ctrl: np.ndarray, count: int = 1) -> None:
+        """`count` steps under a command [nu] that is held."""
+        m, d, dt = self.machine, self.data, float(self.model.opt.timestep)
+        ctrl = np.asarray(ctrl, dtype=float)
+        for _ in range(count):
+            if self._commands is None:
+                self._commands = stepping.command_start(np, m, ctrl, dt)
+            reached, self._commands = stepping.command_step(np, m, ctrl, self._commands, dt)
+            s = stepping.observe(np, m, d.qpos, d.qvel, reached, self._body_velocity, d.actuator_force, dt)
+            if self._forces is None:
+                self._forces = stepping.force_start(np, m, s)
+            applied, self._forces = stepping.force_step(np, m, s, self._forces)
+            self.model.dof_frictionloss[:] = applied.dry
+            d.qfrc_applied[:], d.xfrc_applied[:] = applied.qfrc, applied.xfrc
+            if self.model.nu:
+                d.ctrl[:] = applied.ctrl
+            mujoco.mj_step(self.model, d)
+            self._past.append((float(d.time), d.qpos.copy()))
+
+    def measured(self) -> np.ndarray:
+        """Positions [nq] as the encoders report them (offset and delay included)."""
+        out = self.data.qpos.copy()
+        times = np.array([t for t, _ in self._past])
+        for term, theta in self.machine.sensed:
+            column = self.machine.ctx.qadr(term.place)
+            offset, delay = term.effect.sense(theta)
+            if np.any(delay):
+                out[column] = np.interp(self.data.time - delay, times, [q[column] for _, q in self._past])
+            out[column] += offset
+        return out

@@ -1,0 +1,113 @@
+"""A corrected machine in JAX: MJX with the effects' own equations, behind the engine protocol of environments."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import flax.struct
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from envs._mjx import mjx
+from mpge_jax.diagnosis import stepping
+from mpge_jax.diagnosis.stepping import Machine
+
+
+@flax.struct.dataclass
+class CorrectedData:
+    """Physics state with the effects' memories.
+
+    Attributes:
+        inner: MJX data of the true state. qpos [nq], qvel [nv]: as measured. time: s.
+        commands, forces: memories of the effects. past: [H, nq] positions of the last steps, newest first.
+        started: whether the command memories hold real commands yet.
+    """
+
+    inner: Any
+    qpos: jax.Array
+    qvel: jax.Array
+    time: jax.Array
+    commands: Any
+    forces: Any
+    past: jax.Array
+    started: jax.Array
+
+
+class CorrectedEngine:
+    """`init` and `step` of a machine with effects; both are pure, for one machine; batch with `jax.vmap`."""
+
+    def __init__(self, machine: Machine) -> None:
+        model = copy.copy(machine.model)
+        for dof in machine.dry_dofs():
+            # MJX decides once which joints have dry friction; a trace of it keeps the row
+            model.dof_frictionloss[dof] = max(float(model.dof_frictionloss[dof]), 1e-9)
+        self.machine = machine
+        self.model = model
+        self._mjx = mjx.put_model(model)
+        self._dt = float(model.opt.timestep)
+        delays = [float(np.max(t.effect.sense(theta)[1])) for t, theta in machine.sensed]
+        self._history = int(np.ceil(max(delays, default=0.0) / self._dt)) + 2
+
+    def init(self, qpos: jax.Array, qvel: jax.Array) -> CorrectedData:
+        """State at rest of all memories."""
+        data = mjx.make_data(self.model).replace(qpos=jnp.asarray(qpos), qvel=jnp.asarray(qvel))
+        data = mjx.forward(self._mjx, data)
+        zero = jnp.zeros(self.model.nu, data.qpos.dtype)
+        commands = stepping.command_start(jnp, self.machine, zero, self._dt)
+        forces = stepping.force_start(jnp, self.machine, self._observe(data, zero))
+        past = jnp.tile(data.qpos, (self._history, 1))
+        return self._wrap(data, commands, forces, past, jnp.zeros((), bool))
+
+    def step(self, data: CorrectedData, ctrl: jax.Array, count: int) -> CorrectedData:
+        """`count` physics steps under `ctrl [nu]` held constant."""
+        fresh_commands = stepping.command_start(jnp, self.machine, ctrl, self._dt)
+        commands = jax.tree.map(lambda new, old: jnp.where(data.started, old, new), fresh_commands, data.commands)
+        reached, _ = stepping.command_step(jnp, self.machine, ctrl, commands, self._dt)
+        fresh_forces = stepping.force_start(jnp, self.machine, self._observe(data.inner, reached))
+        forces = jax.tree.map(lambda new, old: jnp.where(data.started, old, new), fresh_forces, data.forces)
+        start = (data.inner, commands, forces, data.past)
+        inner, commands, forces, past = jax.lax.fori_loop(0, count, lambda _, c: self._once(c, ctrl), start)
+        return self._wrap(inner, commands, forces, past, jnp.ones((), bool))
+
+    def _once(self, carry: tuple[Any, ...], ctrl: jax.Array) -> tuple[Any, ...]:
+        data, commands, forces, past = carry
+        reached, commands = stepping.command_step(jnp, self.machine, ctrl, commands, self._dt)
+        s = self._observe(data, reached)
+        applied, forces = stepping.force_step(jnp, self.machine, s, forces)
+        model = self._mjx
+        if self.machine.dry_dofs():
+            model = model.replace(dof_frictionloss=applied.dry.astype(model.dof_frictionloss.dtype))
+        kind = data.qpos.dtype
+        data = data.replace(
+            ctrl=applied.ctrl.astype(kind), qfrc_applied=applied.qfrc.astype(kind),
+            xfrc_applied=applied.xfrc.astype(kind),
+        )  # fmt: skip
+        data = mjx.step(model, data)
+        past = jnp.concatenate([data.qpos[None], past[:-1]])
+        return data, commands, forces, past
+
+    def _observe(self, data: Any, ctrl: jax.Array) -> Any:
+        def body_velocity(body: int) -> jax.Array:
+            root = int(self.model.body_rootid[body])
+            arm = data.xipos[body] - data.subtree_com[root]
+            return data.cvel[body, 3:] + jnp.cross(data.cvel[body, :3], arm)
+
+        return stepping.observe(
+            jnp, self.machine, data.qpos, data.qvel, ctrl, body_velocity, data.actuator_force, self._dt
+        )
+
+    def _wrap(self, data: Any, commands: Any, forces: Any, past: jax.Array, started: jax.Array) -> CorrectedData:
+        measured = data.qpos
+        for term, theta in self.machine.sensed:
+            column = self.machine.ctx.qadr(term.place)
+            offset, delay = term.effect.sense(theta)
+            steps = float(delay) / self._dt
+            whole = int(np.floor(steps))
+            part = steps - whole
+            value = past[0, column]
+            if steps > 0:
+                value = (1 - part) * past[whole, column] + part * past[min(whole + 1, self._history - 1), column]
+            measured = measured.at[column].set(value + float(offset))
+        return CorrectedData(data, measured, data.qvel, data.time, commands, forces, past, started)

@@ -1,0 +1,163 @@
+"""Effects one step at a time, for NumPy and JAX alike: what `simulate` does in bulk, for a single machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import Array, Context, Fields, Step
+from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.model import is_joint_transmission
+
+
+class ModelFields(Fields):
+    """Fields of one MjModel, changed in place."""
+
+    xp = np
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+
+    def _array(self, name: str) -> np.ndarray:
+        owner, _, attribute = name.rpartition(".")
+        return getattr(self.model.opt if owner == "opt" else self.model, attribute)
+
+    def get(self, name: str, index: Any) -> Array:
+        return np.array(self._array(name)[index if isinstance(index, tuple) else (index,)], dtype=float)
+
+    def set(self, name: str, index: Any, value: Array) -> None:
+        self._array(name)[index if isinstance(index, tuple) else (index,)] = value
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A model with its effects.
+
+    Attributes:
+        model: compiled, with native effects applied and the rest not. terms, thetas: all effects. ctx: with the
+        nominal model.
+    """
+
+    model: mujoco.MjModel
+    ctx: Context
+    terms: tuple[Term, ...]
+    thetas: tuple[np.ndarray, ...]
+
+    @staticmethod
+    def build(ctx: Context, terms: tuple[Term, ...], thetas: tuple[np.ndarray, ...]) -> Machine:
+        """Apply native effects to a copy of the context's model."""
+        import copy
+
+        model = copy.copy(ctx.model)
+        fields = ModelFields(model)
+        for term, theta in zip(terms, thetas, strict=True):
+            term.effect.model(fields, ctx, term.place, np.asarray(theta, dtype=float))
+        if any(t.effect.set_const for t in terms):
+            mujoco.mj_setConst(model, mujoco.MjData(model))
+        return Machine(model, replace(ctx), tuple(terms), tuple(np.asarray(t, dtype=float) for t in thetas))
+
+    @property
+    def runtime(self) -> list[tuple[Term, np.ndarray]]:
+        return [(t, th) for t, th in zip(self.terms, self.thetas, strict=True) if t.effect.runtime]
+
+    @property
+    def commanded(self) -> list[tuple[Term, np.ndarray]]:
+        return [(t, th) for t, th in zip(self.terms, self.thetas, strict=True) if t.effect.commands]
+
+    @property
+    def sensed(self) -> list[tuple[Term, np.ndarray]]:
+        return [(t, th) for t, th in zip(self.terms, self.thetas, strict=True) if t.effect.senses]
+
+    def dry_dofs(self) -> list[int]:
+        """Degrees of freedom whose dry friction is set at every step."""
+        return [self.ctx.dof(t.place) for t, _ in self.runtime if "dof_frictionloss" in t.effect.fields]
+
+
+def command_start(xp: Any, m: Machine, ctrl: Array, dt: float) -> tuple[Any, ...]:
+    return tuple(t.effect.command_memory(xp, m.ctx, t.place, ctrl[t.place.index], dt) for t, _ in m.commanded)
+
+
+def command_step(xp: Any, m: Machine, ctrl: Array, memory: tuple[Any, ...], dt: float) -> tuple[Array, tuple[Any, ...]]:
+    """Commands [nu] that reach the actuators in this step."""
+    out = [ctrl[a] for a in range(m.model.nu)]
+    kept = []
+    for (term, theta), old in zip(m.commanded, memory, strict=True):
+        a = term.place.index
+        out[a], new = term.effect.command(xp, xp.asarray(theta), out[a], old, dt)
+        kept.append(new)
+    return (xp.stack(out) if out else ctrl), tuple(kept)
+
+
+def observe(xp: Any, m: Machine, q: Array, v: Array, ctrl: Array, body_velocity: Any, last_force: Array, dt: float) -> Step:
+    """What the equations may read, for one machine."""
+    model = m.model
+    if not model.nu:
+        none = xp.zeros(0)
+        return Step(q, v, none, none, none, none, none, none, none, body_velocity, dt)
+    direct = np.array([is_joint_transmission(model, a) for a in range(model.nu)])
+    plain = direct & (model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED))
+    kinds = [int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)]
+    plain &= np.isin(model.actuator_biastype, kinds) & (model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_NONE))
+    joint = np.where(plain, np.clip(model.actuator_trnid[:, 0], 0, model.njnt - 1), 0)
+    gear = model.actuator_gear[:, 0]
+    limited = model.actuator_ctrllimited.astype(bool)
+    low = np.where(limited, model.actuator_ctrlrange[:, 0], -1e30)
+    high = np.where(limited, model.actuator_ctrlrange[:, 1], 1e30)
+    affine = model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    bias = np.where(affine[:, None], model.actuator_biasprm, 0.0)
+    f_limited = model.actuator_forcelimited.astype(bool)
+    f_low = np.where(f_limited, model.actuator_forcerange[:, 0], -1e12)
+    f_high = np.where(f_limited, model.actuator_forcerange[:, 1], 1e12)
+    free = model.actuator_gainprm[:, 0] * xp.clip(ctrl, low, high) + bias[:, 0]
+    free = free + bias[:, 1] * gear * q[model.jnt_qposadr[joint]] + bias[:, 2] * gear * v[model.jnt_dofadr[joint]]
+    f = xp.clip(free, f_low, f_high)
+    if not plain.all():
+        free, f = xp.where(plain, free, last_force), xp.where(plain, f, last_force)
+    wide = [xp.asarray(x) for x in (f_low, f_high, bias[:, 1], bias[:, 2])]
+    return Step(q, v, ctrl, f, free, *wide, body_velocity, dt)
+
+
+def force_start(xp: Any, m: Machine, s: Step) -> tuple[Any, ...]:
+    return tuple(t.effect.memory(xp, m.ctx, t.place, xp.asarray(theta), s) for t, theta in m.runtime)
+
+
+@dataclass
+class Applied:
+    """Forces of all effects at one step: qfrc [nv], xfrc [nbody, 6], dry [nv], ctrl [nu]."""
+
+    qfrc: Array
+    xfrc: Array
+    dry: Array
+    ctrl: Array
+
+
+def force_step(xp: Any, m: Machine, s: Step, memory: tuple[Any, ...]) -> tuple[Applied, tuple[Any, ...]]:
+    model = m.model
+    qfrc = [xp.zeros(()) for _ in range(model.nv)]
+    dry = [xp.asarray(float(x)) for x in model.dof_frictionloss]
+    body = [xp.zeros(3) for _ in range(model.nbody)]
+    ctrl = [s.u[a] for a in range(model.nu)]
+    kept = []
+    for (term, theta), old in zip(m.runtime, memory, strict=True):
+        place = term.place
+        forces, new = term.effect.force(xp, m.ctx, place, xp.asarray(theta), s, old)
+        kept.append(new)
+        if forces.joint is not None:
+            qfrc[m.ctx.dof(place)] = qfrc[m.ctx.dof(place)] + forces.joint
+        if forces.dry is not None:
+            dry[m.ctx.dof(place)] = dry[m.ctx.dof(place)] + forces.dry
+        if forces.body is not None:
+            body[place.index] = body[place.index] + forces.body
+        if forces.actuator is not None:
+            a = place.index
+            if is_joint_transmission(model, a):
+                dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
+                qfrc[dof] = qfrc[dof] + float(model.actuator_gear[a, 0]) * forces.actuator
+            else:
+                ctrl[a] = ctrl[a] + forces.actuator / float(model.actuator_gainprm[a, 0])
+    linear = xp.stack(body)
+    xfrc = xp.concatenate([linear, xp.zeros_like(linear)], -1)
+    return Applied(xp.stack(qfrc), xfrc, xp.stack(dry), xp.stack(ctrl) if ctrl else s.u), tuple(kept)

@@ -1,0 +1,206 @@
+"""Contracts over the whole vocabulary: parameters, reports, exports, and C against JAX against the batch."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from machines import ARM, BOX, PENDULUM
+
+from mpge_jax.diagnosis import REGISTRY, VOCABULARY
+from mpge_jax.diagnosis.corrected import CorrectedModel, CStepper
+from mpge_jax.diagnosis.effects.base import Context, Place, nominal_context, register
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.jax_engine import CorrectedEngine
+from mpge_jax.diagnosis.model import compile_variable
+from mpge_jax.diagnosis.stepping import Machine
+
+VALUES = {
+    "viscous_damping": [0.08], "coulomb_friction": [0.05], "stribeck_friction": [0.03, 0.07, 0.4],
+    "load_dependent_friction": [0.02, 0.1], "asymmetric_friction": [0.03, 0.06, 0.02, 0.05],
+    "quadratic_drag": [0.05], "joint_stiffness": [0.6, 0.1], "cogging_torque": [0.05, 0.03, 7.0],
+    "backlash": [0.05], "joint_flexibility": [30.0, 0.05], "armature": [0.01], "actuator_gain": [0.7],
+    "dead_actuator": [], "actuator_bias": [0.2], "torque_saturation": [0.3], "actuator_deadzone": [0.1],
+    "actuator_delay": [0.011], "actuator_lag": [0.03], "back_emf": [0.05],
+    "payload_mass": [0.2, 0.02, 0.01, -0.3], "mass_scale": [1.3], "com_offset": [0.02, 0.0, 0.03],
+    "gravity_tilt": [0.1, -0.05], "external_force": [0.4, 0.0, -0.3], "contact_friction": [0.3],
+    "contact_stiffness": [0.05], "encoder_offset": [0.04], "sensor_delay": [0.005],
+}  # fmt: skip
+# Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
+# takes polynomial damping implicitly, and contact solvers start from another guess.
+EXPORTED = {
+    "actuator_lag": 2e-3, "actuator_delay": 2e-3, "quadratic_drag": 2e-4, "contact_friction": 1e-5,
+    "contact_stiffness": 1e-5,
+}  # fmt: skip
+CONTACT = ("contact_friction", "contact_stiffness")
+
+
+def machine(effect_id: str, xml: str | None = None) -> Machine:
+    xml = xml or (BOX if effect_id in CONTACT else PENDULUM)
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+    effect = REGISTRY[effect_id]
+    term = Term(effect_id, effect.places(ctx)[0])
+    return Machine.build(ctx, (term,), (np.array(VALUES[effect_id]),))
+
+
+def command(k: int) -> np.ndarray:
+    return np.array([0.5 * np.sin(0.15 * k) + 0.3 * np.sign(np.sin(0.4 * k))])
+
+
+def test_the_vocabulary_is_complete():
+    assert set(VOCABULARY) <= set(REGISTRY) and len(VOCABULARY) == 28
+    assert set(VALUES) == set(VOCABULARY)
+
+
+@pytest.mark.parametrize("effect_id", VOCABULARY)
+def test_parameters_have_units_bounds_and_survive_a_report(effect_id):
+    m = machine(effect_id)
+    term, theta = m.terms[0], m.thetas[0]
+    params = term.params(m.ctx)
+    assert len(params) == theta.size
+    for p, start in zip(params, term.effect.starts(m.ctx, term.place).T, strict=True):
+        assert p.unit and p.low < p.high and p.scale > 0
+        assert (start >= p.low).all() and (start <= p.high).all()
+    values = term.effect.report(m.ctx, term.place, theta)
+    assert set(values) == set(term.effect.units(m.ctx, term.place))
+    back = term.effect.from_report(m.ctx, term.place, values)
+    np.testing.assert_allclose(back, theta, rtol=1e-9, atol=1e-12)
+    assert term.effect.equation and term.effect.sentence(term.place, {k: "1" for k in values})
+
+
+def trajectory(stepper: CStepper, steps: int, contact: bool) -> np.ndarray:
+    model = stepper.model
+    stepper.reset(np.array([0.0, 0.001]) if contact else np.full(model.nq, 0.4), np.full(model.nv, 0.3))
+    out = []
+    for k in range(steps):
+        stepper.step(4.0 * command(k) if contact else command(k))
+        out.append(stepper.measured())
+    return np.array(out)
+
+
+@pytest.mark.parametrize("effect_id", VOCABULARY)
+def test_every_effect_changes_the_motion(effect_id):
+    m, contact = machine(effect_id), effect_id in CONTACT
+    nominal = Machine.build(m.ctx, (), ())
+    a, b = trajectory(CStepper(m), 60, contact), trajectory(CStepper(nominal), 60, contact)
+    assert np.abs(a - b).max() > 1e-5
+
+
+@pytest.mark.parametrize("effect_id", VOCABULARY)
+def test_native_export_moves_like_the_effect(effect_id):
+    m = machine(effect_id)
+    spec = mujoco.MjSpec.from_string(BOX if effect_id in CONTACT else PENDULUM)
+    spec.compile()
+    if not m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0]):
+        assert effect_id in (
+            "stribeck_friction", "load_dependent_friction", "asymmetric_friction", "cogging_torque", "backlash",
+            "joint_flexibility", "actuator_deadzone", "external_force", "encoder_offset", "sensor_delay",
+        )  # fmt: skip
+        return
+    spec.compile()
+    again = mujoco.MjModel.from_xml_string(spec.to_xml())
+    contact = effect_id in CONTACT
+    data = mujoco.MjData(again)
+    data.qpos[:], data.qvel[:] = ([0.0, 0.001] if contact else 0.4), 0.3
+    want = trajectory(CStepper(m), 60, contact)
+    for k in range(60):
+        data.ctrl[:] = 4.0 * command(k) if contact else command(k)
+        mujoco.mj_step(again, data)
+        np.testing.assert_allclose(data.qpos, want[k], atol=EXPORTED.get(effect_id, 1e-6))
+
+
+@pytest.mark.parametrize("effect_id", VOCABULARY)
+def test_c_and_jax_agree_step_by_step(effect_id):
+    m, contact = machine(effect_id), effect_id in CONTACT
+    engine, stepper = CorrectedEngine(m), CStepper(m)
+    q0 = np.array([0.0, 0.001]) if contact else np.full(m.model.nq, 0.4)
+    stepper.reset(q0, np.full(m.model.nv, 0.3))
+    data = engine.init(jnp.array(q0), jnp.full(m.model.nv, 0.3))
+    step = jax.jit(engine.step, static_argnums=2)
+    for k in range(25):
+        u = 4.0 * command(k) if contact else command(k)
+        stepper.step(u, 2)
+        data = step(data, jnp.array(u, jnp.float32), 2)
+        np.testing.assert_allclose(np.asarray(data.qpos), stepper.measured(), atol=3e-4)
+
+
+def test_jax_engine_is_batched_by_vmap():
+    m = machine("stribeck_friction")
+    engine = CorrectedEngine(m)
+    q0 = jnp.array([[0.1], [0.5], [1.0]])
+    data = jax.vmap(engine.init)(q0, jnp.zeros((3, 1)))
+    data = jax.jit(jax.vmap(lambda d, u: engine.step(d, u, 5)))(data, jnp.zeros((3, 1)))
+    stepper = CStepper(m)
+    for i in range(3):
+        stepper.reset(np.array(q0[i]), np.zeros(1))
+        stepper.step(np.zeros(1), 5)
+        np.testing.assert_allclose(np.asarray(data.qpos[i]), stepper.data.qpos, atol=1e-5)
+
+
+@pytest.mark.parametrize("effect_id", [i for i in VOCABULARY if i not in CONTACT])
+def test_batched_windows_agree_with_single_steps(effect_id):
+    """The simulator of the fit and the stepper of the corrected machine are two implementations of one effect."""
+    from mpge_jax.diagnosis.simulate import Run, Simulator
+    from mpge_jax.diagnosis.windows import Source, Windows
+
+    m = machine(effect_id, ARM if effect_id in ("payload_mass", "com_offset", "external_force") else PENDULUM)
+    model, steps = m.ctx.model, 40
+    dt, nu = float(model.opt.timestep), model.nu
+    q0, v0 = np.full(model.nq, 0.4), np.full(model.nv, 0.3)
+    u = np.array([np.resize(command(k), nu) for k in range(steps)])
+    stepper = CStepper(m)
+    stepper.reset(q0, v0)
+    want = []
+    for k in range(steps):
+        stepper.step(u[k])
+        want.append(stepper.measured() if effect_id == "encoder_offset" else stepper.data.qpos.copy())
+    from mpge_jax.diagnosis import Recording
+    from mpge_jax.diagnosis.states import States
+
+    time = dt * np.arange(steps + 1)
+    record = Recording("r", time, np.tile(q0, (steps + 1, 1)), None, np.vstack([u, u[-1:]]))
+    states = States(record.qpos, np.tile(v0, (steps + 1, 1)), 0 * record.qpos, np.zeros((steps + 1, model.nv, 2, 2)))
+    source = Source.build(record, states, record.ctrl)
+    history = 150
+    timeline = np.concatenate([np.repeat(u[:1], history, 0), u])[None]
+    start = q0 + (0.04 if effect_id == "encoder_offset" else 0.0)
+    w = Windows(
+        (source,), np.zeros(1, int), np.zeros(1), dt, steps, start[None], v0[None],
+        np.zeros((1, model.nv, 2, 2)), np.zeros((1, 0)), timeline, time[None, 1:], np.ones((1, steps), bool),
+        np.array(want)[None], np.full((1, steps, model.nv), np.nan),
+    )  # fmt: skip
+    sim = Simulator(model, dataclasses.replace(m.ctx))
+    residual = sim.residuals([Run(Hypothesis.of(*m.terms), m.thetas[0])], w)[0, 0, :, : model.nv]
+    if effect_id == "sensor_delay":
+        return
+    np.testing.assert_allclose(residual, 0, atol=1e-6)
+
+
+def test_an_effect_of_ones_own_in_a_few_lines():
+    from mpge_jax.diagnosis.effects.base import REGISTRY as table
+    from mpge_jax.diagnosis.effects.base import Effect, Forces, Param
+
+    try:
+
+        @register
+        class Magnet(Effect):
+            id, kinds, runtime = "test_magnet", ("joint",), True
+            equation = "-k sin(2 q)"
+
+            def params(self, ctx: Context, place: Place):
+                return (Param("strength", "N m", -5.0, 5.0, 0.05),)
+
+            def force(self, xp, ctx, place, theta, s, memory):
+                return Forces(joint=-theta[..., 0] * xp.sin(2 * s.q[..., ctx.qadr(place)])), memory
+
+        ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+        term = Term("test_magnet", table["test_magnet"].places(ctx)[0])
+        m = Machine.build(ctx, (term,), (np.array([0.3]),))
+        entries = [{"id": "test_magnet", "at": "hinge", "parameters": {"strength": 0.3}}]
+        rebuilt = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), entries)
+        a, b = trajectory(CStepper(m), 30, False), trajectory(rebuilt.c_stepper(), 30, False)
+        np.testing.assert_array_equal(a, b)
+    finally:
+        table.pop("test_magnet", None)

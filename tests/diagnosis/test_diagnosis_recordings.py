@@ -1,0 +1,186 @@
+"""Readers and validation: one clear sentence for each kind of bad input, and no crash on any bytes."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from machines import ARM, PENDULUM
+
+from mpge_jax.diagnosis import InputError, Recording
+from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.reader import load_recordings, read_recording
+from mpge_jax.diagnosis.recording import chain_transitions, validate
+
+
+@pytest.fixture(scope="module")
+def arm():
+    import mujoco
+
+    model = compile_variable(mujoco.MjSpec.from_string(ARM))
+    return model, names_of(model)
+
+
+def _arrays(rows=20):
+    t = 0.01 * np.arange(rows)
+    q = np.stack([np.sin(t), np.cos(t)], 1)
+    return {"time": t, "qpos": q, "ctrl": np.zeros((rows, 2))}
+
+
+def _save(folder: Path, **changes) -> Path:
+    data = {k: v for k, v in {**_arrays(), **changes}.items() if v is not None}
+    path = folder / "run.npz"
+    np.savez(path, **data)
+    return path
+
+
+def test_npz_and_csv_give_the_same_recording(tmp_path, arm):
+    a = read_recording(_save(tmp_path), *arm)
+    data = _arrays()
+    table = np.column_stack([data["time"], data["qpos"], data["ctrl"]])
+    titles = "time,qpos:shoulder,qpos:elbow,ctrl:shoulder_motor,ctrl:elbow_servo"
+    path = tmp_path / "run.csv"
+    np.savetxt(path, table, delimiter=",", header=titles, comments="", fmt="%.17g")
+    b = read_recording(path, *arm)
+    np.testing.assert_array_equal(a.qpos, b.qpos)
+    np.testing.assert_array_equal(a.ctrl, b.ctrl)
+    np.testing.assert_array_equal(a.time, b.time)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"time": -0.01 * np.arange(20)}, "runs backwards at row 1"),
+        ({"time": np.r_[0, 0, 0.01 * np.arange(1, 19)]}, "repeats at row 1"),
+        ({"time": np.r_[np.nan, 0.01 * np.arange(1, 20)]}, "not finite at row 0"),
+        ({"qpos": np.zeros((20, 3))}, r"shape \(20, 3\).*needs \(20, 2\)"),
+        ({"qpos": np.full((20, 2), np.nan)}, "no position was measured"),
+        ({"qpos": np.r_[[[np.inf, 0.0]], np.zeros((19, 2))]}, "'qpos' of shoulder is infinite at row 0"),
+        ({"qpos": np.r_[[[0.0, np.nan]], np.zeros((19, 2))]}, "'qpos' of elbow is NaN at row 0"),
+        ({"ctrl": np.full((20, 2), np.nan)}, "'ctrl' of shoulder_motor is NaN"),
+        ({"ctrl": None}, "neither commands"),
+        ({"qpos": None}, "there is no 'qpos'"),
+        ({"qpos": np.full((20, 2), "x")}, "does not hold numbers"),
+    ],
+)
+def test_bad_npz_is_told_in_one_sentence(tmp_path, arm, changes, message):
+    with pytest.raises(InputError, match=message) as caught:
+        read_recording(_save(tmp_path, **changes), *arm)
+    assert "\n" not in str(caught.value)
+    assert "run" in str(caught.value)
+
+
+def test_pickles_are_never_loaded(tmp_path, arm):
+    path = tmp_path / "run.npz"
+    np.savez(path, time=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(InputError, match="pickled"):
+        read_recording(path, *arm)
+
+
+def test_unknown_csv_column_names_what_is_known(tmp_path, arm):
+    path = tmp_path / "run.csv"
+    path.write_text("time,qpos:wrist\n0,1\n1,2\n")
+    with pytest.raises(InputError, match="qpos:wrist.*shoulder, elbow"):
+        read_recording(path, *arm)
+
+
+def test_folder_with_other_files(tmp_path, arm):
+    _save(tmp_path)
+    (tmp_path / "notes.txt").write_text("hello")
+    assert [r.name for r in load_recordings([tmp_path], *arm)] == ["run"]
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(InputError, match=r"no \.npz or \.csv"):
+        load_recordings([empty], *arm)
+    with pytest.raises(InputError, match="does not exist"):
+        load_recordings([tmp_path / "nothing.npz"], *arm)
+
+
+def test_warnings_for_degrees_gaps_and_commands_outside(arm):
+    import mujoco
+
+    model = compile_variable(mujoco.MjSpec.from_string(PENDULUM))
+    t = np.r_[0.01 * np.arange(50), 2 + 0.01 * np.arange(50)]
+    q = 90 * np.sin(3 * t)[:, None]
+    r = validate(Recording("run", t, q, None, np.full((100, 1), 5.0)), model, names_of(model))
+    text = " ".join(r.warnings)
+    assert "degrees" in text and "gap" in text and "ctrlrange" in text
+
+
+def test_quaternions_must_be_unit():
+    import mujoco
+
+    xml = '<mujoco><worldbody><body><freejoint name="root"/><geom size=".1"/></body></worldbody></mujoco>'
+    model = compile_variable(mujoco.MjSpec.from_string(xml))
+    qpos = np.zeros((5, 7))
+    qpos[:, 3] = 2.0
+    with pytest.raises(InputError, match="length 2"):
+        validate(Recording("run", np.arange(5.0), qpos), model, names_of(model))
+    qpos[:, 3] = [1, -1, 1, -1, 1]
+    flipped = validate(Recording("run", np.arange(5.0), qpos), model, names_of(model))
+    assert (flipped.qpos[:, 3] == 1).all()
+
+
+def test_transitions_are_chained_into_episodes():
+    pairs = [
+        Recording(f"{i:03d}", np.array([0.0, 0.1]), np.array([[i], [i + 1.0]]), None, np.array([[i], [i]]))
+        for i in range(3)
+    ]
+    other = Recording("other", np.array([0.0, 0.1]), np.array([[9.0], [9.5]]), None, np.zeros((2, 1)))
+    chained = chain_transitions([*pairs, other])
+    assert [r.time.size for r in chained] == [4, 2]
+    np.testing.assert_allclose(chained[0].time, [0.0, 0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(chained[0].qpos[:, 0], [0, 1, 2, 3])
+    np.testing.assert_array_equal(chained[0].ctrl[:, 0], [0, 1, 2, 2])
+
+
+def test_includes_stay_inside_the_folder(tmp_path):
+    (tmp_path / "secret.xml").write_text("<mujoco/>")
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    path = inner / "model.xml"
+    path.write_text('<mujoco><include file="../secret.xml"/></mujoco>')
+    with pytest.raises(InputError, match="outside of the model's folder"):
+        load_spec(path)
+    path.write_text("<mujoco>")
+    with pytest.raises(InputError, match="not well-formed"):
+        load_spec(path)
+    with pytest.raises(InputError, match="does not exist"):
+        load_spec(tmp_path / "none.xml")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.binary(max_size=400))
+def test_any_bytes_give_a_recording_or_one_sentence(tmp_path_factory, data):
+    import mujoco
+
+    model = compile_variable(mujoco.MjSpec.from_string(ARM))
+    folder = tmp_path_factory.mktemp("bytes")
+    for name in ("run.npz", "run.csv"):
+        path = folder / name
+        path.write_bytes(data)
+        with pytest.raises(InputError) as caught:
+            read_recording(path, model, names_of(model))
+        assert "\n" not in str(caught.value)
+
+
+@settings(max_examples=40, deadline=None)
+@given(cut=st.integers(0, 2000), flip=st.integers(0, 2000), value=st.integers(0, 255))
+def test_damaged_archives_never_crash(tmp_path_factory, cut, flip, value):
+    import mujoco
+
+    model = compile_variable(mujoco.MjSpec.from_string(ARM))
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **_arrays())
+    data = bytearray(buffer.getvalue())
+    data[flip % len(data)] = value
+    path = tmp_path_factory.mktemp("damaged") / "run.npz"
+    path.write_bytes(bytes(data[: max(1, len(data) - cut % 50)]))
+    try:
+        r = read_recording(path, model, names_of(model))
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert r.qpos.shape == (20, 2)

@@ -1,0 +1,178 @@
+"""What every environment promises, on every engine that runs on this machine."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from compiled import COPIES, compiled
+
+import envs
+
+# MJX takes tens of seconds to compile a model on CPU: one of its models by default, all of them in the slow tests.
+CASES = [(name, "c") for name in envs.names()] + [
+    pytest.param(name, "mjx", marks=[] if name == "InvertedPendulum" else pytest.mark.slow)
+    for name in envs.names()
+]
+SIZES = {"InvertedPendulum": (4, 1, 3.0), "Hopper": (11, 3, 1.0), "HalfCheetah": (17, 6, 1.0)}
+
+over_registry = pytest.mark.parametrize(("name", "backend"), CASES)
+
+
+def assert_same(one, two, rows=slice(None)):
+    jax.tree.map(
+        lambda a, b: np.testing.assert_array_equal(np.asarray(a)[rows], np.asarray(b)[rows]), one, two
+    )
+
+
+def types_of(state):
+    return jax.tree.map(lambda x: (x.shape, x.dtype), state)
+
+
+@pytest.mark.parametrize("name", envs.names())
+def test_attributes(name):
+    env = compiled(name, "c").env
+    observation_size, action_size, limit = SIZES[envs.source_of(name)]
+    assert (env.name, env.max_steps) == (name, 1000)
+    assert (env.observation_size, env.action_size) == (observation_size, action_size)
+    np.testing.assert_array_equal(env.action_high, np.full(action_size, limit, np.float32))
+    np.testing.assert_array_equal(env.action_low, -env.action_high)
+
+
+@over_registry
+def test_shapes(name, backend):
+    """A step changes no shape and no type: a state can be carried by `jax.lax.scan`."""
+    env, _, step = case = compiled(name, backend)
+    first = case.start()
+    after = step(first, case.actions())
+    assert types_of(first) == types_of(after)
+    assert after.obs.shape == (COPIES, env.observation_size)
+    for value in (
+        after.reward,
+        after.done,
+        after.info["terminated"],
+        after.info["truncated"],
+        *after.metrics.values(),
+    ):
+        assert value.shape == (COPIES,) and value.dtype == jnp.float32
+    assert_same(first.info["steps"], np.zeros(COPIES))
+    assert_same(after.info["steps"], np.ones(COPIES))
+    assert_same(after.info["next_obs"], after.obs)
+    assert not first.done.any() and not first.reward.any()
+    assert np.isfinite(after.obs).all() and np.isfinite(after.reward).all()
+    parts = sum(after.metrics.values(), jnp.zeros(COPIES))
+    alive = 0.0 if envs.source_of(name) == "HalfCheetah" else 1.0
+    np.testing.assert_allclose(after.reward, parts + alive, atol=1e-5)
+
+
+@over_registry
+def test_the_key_determines_everything(name, backend):
+    case = compiled(name, backend)
+    first = case.start()
+    after = case.step(first, case.actions())
+    case.step(after, -case.actions(1))  # an engine that remembered this would step differently below
+    assert_same(case.start(), first)
+    assert_same(case.step(first, case.actions()), after)
+    assert len(np.unique(np.asarray(first.obs), axis=0)) == COPIES
+    other = case.reset(jax.random.split(jax.random.key(1), COPIES))
+    assert not np.any(np.all(np.asarray(other.obs) == np.asarray(first.obs), axis=1))
+
+
+@over_registry
+def test_copies_do_not_touch_each_other(name, backend):
+    case = compiled(name, backend)
+    first, actions = case.start(), case.actions()
+    others = np.array([0, 2, 3])
+    after = case.step(first, actions)
+
+    moved = case.step(first, actions.at[1].multiply(-1.0))
+    assert_same(moved, after, others)
+    assert np.any(np.asarray(moved.obs[1]) != np.asarray(after.obs[1]))
+
+    lost_action = case.step(first, actions.at[1].set(jnp.nan))
+    lost_state = case.step(
+        first.replace(data=first.data.replace(qvel=first.data.qvel.at[1].set(jnp.nan))), actions
+    )
+    for lost in (lost_action, lost_state):
+        assert_same(lost.obs, after.obs, others)
+        assert_same(lost.reward, after.reward, others)
+        # What is lost stays lost, for all to see, and ends its episode.
+        assert np.isnan(lost.obs[1]).all() or np.isnan(lost.obs[1]).any()
+        assert_same(lost.done, [0.0, 1.0, 0.0, 0.0])
+        again = case.step(lost, actions)
+        assert np.isnan(again.obs[1]).any() and np.isfinite(np.asarray(again.obs)[others]).all()
+
+
+@pytest.mark.parametrize("name", envs.names())
+def test_one_environment_is_a_row_of_many(name):
+    case = compiled(name, "c")
+    first, actions = case.start(), case.actions()
+    row = jax.tree.map(lambda x: x[2], first)
+    assert_same(jax.jit(case.env.step)(row, actions[2]).obs, case.step(first, actions).obs[2])
+
+
+def test_nested_vmap():
+    case = compiled("Hopper", "c")
+    first, actions = case.start(), case.actions()
+    nest = lambda x: x.reshape(2, 2, *x.shape[1:])  # noqa: E731
+    nested = jax.jit(jax.vmap(jax.vmap(case.env.step)))(jax.tree.map(nest, first), nest(actions))
+    assert_same(nested.obs, nest(case.step(first, actions).obs))
+
+
+def test_actions_are_clipped_to_the_box():
+    case = compiled("Hopper", "c")
+    first, actions = case.start(), case.actions()
+    bounded = case.step(first, jnp.sign(actions))
+    assert_same(case.step(first, 7.0 * jnp.sign(actions)).obs, bounded.obs)
+
+
+@over_registry
+def test_state_from_obs(name, backend):
+    """The rebuilt state has the observation, and goes on as the original does."""
+    case = compiled(name, backend)
+    env, state = case.env, case.start()
+    rebuilt = jax.jit(jax.vmap(env.state_from_obs))(state.obs)
+    assert_same(rebuilt.obs, state.obs)
+    assert types_of(rebuilt) == types_of(state)
+    one, two = case.step(state, case.actions()), case.step(rebuilt, case.actions())
+    np.testing.assert_allclose(one.obs, two.obs, rtol=1e-6, atol=1e-6)
+    # The root's position is lost, and with it a few bits of its velocity.
+    np.testing.assert_allclose(one.reward, two.reward, atol=1e-4)
+
+
+@over_registry
+def test_reset_after_done(name, backend):
+    case = compiled(name, backend)
+    first = case.start()
+    state = first.replace(info={**first.info, "steps": first.info["steps"] + 999})
+    last = case.step(state, jnp.zeros_like(case.actions()))
+    assert_same(last.info["truncated"], np.ones(COPIES))
+    assert_same(last.info["terminated"], np.zeros(COPIES))
+    assert_same(last.done, np.ones(COPIES))
+    assert_same(case.start(), first)
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [("hopper", "Hopper"), ("BrokenChetah", "BrokenCheetah"), ("Pendulum", "InvertedPendulum")],
+)
+def test_unknown_environment(name, known):
+    with pytest.raises(ValueError, match=f"unknown environment '{name}'; did you mean '{known}'"):
+        envs.make(name)
+
+
+def test_unknown_backend_and_dynamics():
+    with pytest.raises(ValueError, match="unknown backend 'mjc'; did you mean 'mjx'"):
+        envs.make("Hopper", backend="mjc")
+    with pytest.raises(ValueError, match="unknown dynamics 'legasy'; did you mean 'legacy'"):
+        envs.make("Hopper", dynamics="legasy")
+
+
+def test_wrong_shapes():
+    env = compiled("Hopper", "c").env
+    state = env.reset(jax.random.key(0))
+    with pytest.raises(ValueError, match=r"Hopper.step wants an action of shape \(3,\), got \(4, 3\)"):
+        env.step(state, jnp.zeros((4, 3)))
+    with pytest.raises(ValueError, match=r"shape \(3,\), got \(1,\)"):
+        env.step(state, jnp.zeros(3), charged=jnp.zeros(1))
+    with pytest.raises(ValueError, match=r"observations of shape \(11,\), got \(12,\)"):
+        env.state_from_obs(jnp.zeros(12))

@@ -1,0 +1,359 @@
+"""Grounding: what is collected, judged, rewarded and handed to the learners, and that it works."""
+
+import dataclasses
+from collections import Counter
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+import mpge_jax
+from mpge_jax import (
+    discriminator,
+    ensemble,
+    grounding,
+    policies,
+    sac,
+    target_log,
+    transform_error,
+    transformer,
+    trpo,
+    value,
+)
+from mpge_jax.discriminator import DiscriminatorConfig, Transitions
+from mpge_jax.grounding import GroundingConfig
+from mpge_jax.sac import SACConfig
+from mpge_jax.target_log import TargetLog
+from mpge_jax.transformer import TransformerConfig
+from mpge_jax.trpo import TRPOConfig
+from tests import small
+
+CONFIG = GroundingConfig(
+    num_envs=8,
+    steps_per_iteration=24,
+    iterations=2,
+    transformer=TransformerConfig(hidden=(8,), init_log_std=1.0),
+    policy=TRPOConfig(cg_iterations=3),
+    discriminator=DiscriminatorConfig(hidden=(8,)),
+    discriminator_updates=2,
+    discriminator_batch=64,
+    value_epochs=1,
+    value_minibatch=64,
+    rollout=small.SAC,
+)
+SOURCE = "InvertedPendulum"
+LOW, HIGH = np.array([-3.0], np.float32), np.array([3.0], np.float32)
+
+
+def collected(config: GroundingConfig):
+    """Rows `[T, B, ...]` of one collection, by policies without spread, and the state that collected them."""
+    env, log = small.env(SOURCE), small.log(log_std=-18.0)
+    actors = small.policy_set(log_std=-18.0).actor
+
+    @jax.jit
+    def run(key):
+        state = grounding.init(key, env, actors, log, config)
+        return state, grounding._collect(jax.random.key(1), state, env, actors, log, config)[2]
+
+    state, rows = run(jax.random.key(0))
+    shape = (config.steps_per_iteration, config.num_envs)
+    return state, jax.tree.map(lambda x: np.asarray(x).reshape(*shape, *x.shape[1:]), rows)
+
+
+@pytest.fixture(scope="module")
+def episodes():
+    return collected(CONFIG)
+
+
+@pytest.fixture(scope="module")
+def restarted():
+    return collected(dataclasses.replace(CONFIG, restart_steps=3))
+
+
+@pytest.mark.parametrize("mode", ["episodes", "restarted"])
+def test_a_row_is_state_raw_action_and_where_the_transformed_action_led(mode, request):
+    _, rows = request.getfixturevalue(mode)
+    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), rows)
+    executed = np.clip(flat.action + np.clip(flat.delta, -6.0, 6.0), LOW, HIGH)
+    reached = small.step_from(SOURCE, flat.observation, executed)
+    # The engine's warm start, which a state rebuilt from an observation lacks, is the difference.
+    np.testing.assert_allclose(flat.next_observation, reached, atol=2e-5)
+    # What was asked for would have led elsewhere.
+    asked = small.step_from(SOURCE, flat.observation, flat.action)
+    assert np.median(np.abs(flat.next_observation - asked).max(axis=1)) > 0.05
+
+
+@pytest.mark.parametrize("mode", ["episodes", "restarted"])
+def test_the_action_is_the_one_of_the_policy_named_in_the_row(mode, request):
+    _, rows = request.getfixturevalue(mode)
+    actors = small.policy_set(log_std=-18.0).actor
+    asked = jax.vmap(lambda actor: sac.act(actor, jnp.asarray(rows.observation), None, small.SAC))(actors)
+    own = np.take_along_axis(np.asarray(asked), rows.rollout_policy[None, ..., None], axis=0)[0]
+    np.testing.assert_allclose(rows.action, own, atol=1e-4)
+    assert set(np.unique(rows.rollout_policy)) == {0, 1, 2}
+
+
+def test_the_log_probability_is_of_the_unclipped_delta(episodes):
+    state, rows = episodes
+    mean, log_std = transformer.distribution(
+        state.current, jnp.asarray(rows.observation), jnp.asarray(rows.action)
+    )
+    expected = stats.norm.logpdf(rows.delta, mean, np.exp(log_std)).sum(axis=-1)
+    np.testing.assert_allclose(rows.log_prob, expected, rtol=1e-4, atol=1e-4)
+    # With this spread some draws lie beyond both clips.
+    assert (np.abs(rows.delta) > 6.0).any()
+
+
+def test_an_episode_keeps_its_policy_and_the_next_one_draws_anew(episodes):
+    _, rows = episodes
+    over = np.abs(rows.next_observation[:-1, :, 1]) > 0.2
+    np.testing.assert_array_equal(rows.observation[1:][~over], rows.next_observation[:-1][~over])
+    assert np.abs(rows.observation[1:][over]).max() <= 0.01
+    before, after = rows.rollout_policy[:-1], rows.rollout_policy[1:]
+    np.testing.assert_array_equal(before[~over], after[~over])
+    # Each of three policies follows itself in a third of the resets.
+    assert over.sum() > 12
+    assert 0.3 < np.mean(before[over] != after[over]) < 1.0
+
+
+def test_restarted_episodes_begin_in_states_of_their_own_policy_and_end_in_time(restarted):
+    _, rows = restarted
+    log = small.log(log_std=-18.0)
+    logged = [np.asarray(log.observation)[k, : int(log.count[k])] for k in range(3)]
+    length = np.zeros(CONFIG.num_envs, int)
+    starts, lengths = 0, Counter()
+    for t in range(len(rows.observation)):
+        for b in range(CONFIG.num_envs):
+            if length[b] == 0:
+                distance = np.abs(logged[rows.rollout_policy[t, b]] - rows.observation[t, b]).max(axis=1)
+                assert distance.min() < 1e-6
+                starts += 1
+            else:
+                np.testing.assert_array_equal(rows.observation[t, b], rows.next_observation[t - 1, b])
+            length[b] += 1
+            if length[b] == 3 or np.abs(rows.next_observation[t, b, 1]) > 0.2:
+                lengths[length[b]] += 1
+                length[b] = 0
+    assert starts >= 8 * 24 // 3
+    assert set(lengths) <= {1, 2, 3} and lengths[3] > 0
+
+
+def marked_log(counts: list[int]) -> TargetLog:
+    """Rows that say which policy and row they are; padding that no arithmetic survives."""
+    most = max(counts)
+    policy = np.repeat(np.arange(3.0)[:, None], most, axis=1)
+    row = np.repeat(np.arange(float(most))[None], 3, axis=0)
+    mark = np.stack([policy, row], axis=-1).astype(np.float32)
+    mark[np.arange(most)[None] >= np.array(counts)[:, None]] = np.nan
+    zeros = jnp.zeros((3, most))
+    return TargetLog(
+        jnp.asarray(mark), jnp.asarray(mark[..., :1] * 10 + mark[..., 1:]), jnp.asarray(mark + 100), zeros, zeros,
+        jnp.array(counts),
+    )  # fmt: skip
+
+
+def test_target_rows_match_the_policies_of_the_grounded_rows(monkeypatch):
+    original = discriminator.update
+
+    def exposed(state, grounded, target, key, config):
+        state, metrics = original(state, grounded, target, key, config)
+        return state, {**metrics, "grounded": grounded, "target": target}
+
+    monkeypatch.setattr(discriminator, "update", exposed)
+    # Policy 1 acts in half of the rows, policy 2 in none of them.
+    which = jnp.array([0, 1, 1, 0] * 25)
+    rows = jnp.arange(100.0)
+    mark = jnp.stack([which.astype(jnp.float32), rows], axis=-1)
+    grounded = Transitions(mark, rows[:, None], mark + 100)
+    state = discriminator.init(jax.random.key(0), 2, 1, CONFIG.discriminator)
+    update = jax.jit(partial(grounding._update_discriminator, config=CONFIG))
+    _, metrics = update(jax.random.key(3), state, grounded, which, marked_log([4, 7, 2]))
+    found, target = jax.tree.map(np.asarray, (metrics["grounded"], metrics["target"]))
+    assert np.isfinite(target.observation).all()
+    np.testing.assert_array_equal(
+        np.bincount(found.observation[:, 0].astype(int)), np.bincount(target.observation[:, 0].astype(int))
+    )
+    # All rows of a log are drawn, none beyond its count, and (s, a, s') stay together on both sides.
+    assert set(target.observation[target.observation[:, 0] == 0, 1]) == set(range(4))
+    assert set(target.observation[target.observation[:, 0] == 1, 1]) == set(range(7))
+    np.testing.assert_array_equal(target.action[:, 0], target.observation @ np.array([10.0, 1.0]))
+    np.testing.assert_array_equal(target.next_observation, target.observation + 100)
+    np.testing.assert_array_equal(found.action[:, 0], found.observation[:, 1])
+    np.testing.assert_array_equal(found.next_observation, found.observation + 100)
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_reward_advantage_and_average_of_an_iteration(monkeypatch, first):
+    config = dataclasses.replace(CONFIG, discriminator_first=first, averaging=0.9)
+    env, actors, log = small.env(SOURCE), small.policy_set().actor, small.log()
+    trpo_update, value_update = trpo.update, value.update
+
+    def exposed_trpo(state, batch, *rest):
+        state, metrics = trpo_update(state, batch, *rest)
+        return state, {**metrics, "batch": batch}
+
+    def exposed_value(state, inputs, policy, returns, *rest):
+        new, metrics = value_update(state, inputs, policy, returns, *rest)
+        return new, {**metrics, "inputs": inputs, "policy": policy, "returns": returns}
+
+    monkeypatch.setattr(trpo, "update", exposed_trpo)
+    monkeypatch.setattr(value, "update", exposed_value)
+
+    @jax.jit
+    def run(key):
+        state = grounding.init(key, env, actors, log, config)
+        # A second iteration, so that the discriminator from before has learned something.
+        state, _ = grounding.update(state, env, actors, log, config)
+        after, metrics = grounding.update(state, env, actors, log, config)
+        key_collect = jax.random.split(state.key, 5)[0]
+        _, _, rows = grounding._collect(key_collect, state, env, actors, log, config)
+        transitions = Transitions(rows.observation, rows.action, rows.next_observation)
+        by = {
+            name: discriminator.reward(judge.discriminator, transitions, config.discriminator)
+            for name, judge in (("before", state), ("after", after))
+        }
+        values = value.predict(state.value.params, metrics["inputs"], metrics["policy"], config.value(3))
+        return state, after, metrics, by, values, rows
+
+    state, after, metrics, rewards, values, rows = run(jax.random.key(0))
+    used, other = ("after", "before") if first else ("before", "after")
+    batch = metrics["policy_batch"]
+    np.testing.assert_allclose(metrics["returns"], rewards[used], rtol=1e-4, atol=1e-4)
+    assert np.abs(np.asarray(rewards[used]) - np.asarray(rewards[other])).max() > 1e-3
+    np.testing.assert_allclose(batch.advantages, metrics["returns"] - values, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(metrics["reward"], np.mean(metrics["returns"]), rtol=1e-5)
+    # What was collected is what is learned from, row by row.
+    np.testing.assert_array_equal(batch.actions, rows.delta)
+    np.testing.assert_array_equal(batch.log_probs, rows.log_prob)
+    np.testing.assert_array_equal(metrics["policy"], rows.rollout_policy)
+    np.testing.assert_allclose(
+        metrics["inputs"], np.concatenate([rows.observation, rows.action], axis=1), rtol=1e-6
+    )
+    moved = lambda a, p: 0.9 * np.asarray(a) + 0.1 * np.asarray(p)  # noqa: E731
+    jax.tree.map(
+        partial(np.testing.assert_allclose, rtol=1e-5, atol=1e-6),
+        after.result.params,
+        jax.tree.map(moved, state.average, after.current.params),
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"num_envs": 0}, "num_envs must be at least 1, got 0"),
+        ({"iterations": 0}, "iterations must be at least 1"),
+        ({"restart_steps": -1}, "restart_steps must not be negative"),
+        ({"averaging": 1.0}, r"averaging must lie in \[0, 1\)"),
+        ({"value_minibatch": 4096}, "value_minibatch of 4096 exceeds the batch of 192"),
+    ],
+)
+def test_a_configuration_out_of_range_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(CONFIG, **change)
+
+
+def test_members_learn_as_if_each_were_alone():
+    env, truth = small.env(SOURCE), transform_error.truth_of(small.env("SkewedPendulum"))
+    sets = [small.policy_set(seed=0), small.policy_set(seed=1)]
+    logs = [small.log(), small.log().replace(observation=small.log().observation + 0.01)]
+    keys = jax.random.split(jax.random.key(2), 2)
+    together, curve = mpge_jax.ground_ensemble(
+        env, small.stacked(*sets), small.stacked(*logs), CONFIG, keys, truth=truth, quiet=True
+    )
+    assert {"error_uniform", "error_own", "reward", "log_std", "d_accuracy_target"} <= set(curve)
+    assert all(values.shape == (CONFIG.iterations, 2) for values in curve.values())
+    for i in range(2):
+        alone, own_curve = mpge_jax.ground(env, sets[i], logs[i], CONFIG, keys[i], truth=truth, quiet=True)
+        jax.tree.map(
+            partial(np.testing.assert_allclose, rtol=2e-3, atol=2e-4),
+            alone,
+            jax.tree.map(lambda x, i=i: x[i], together),
+        )
+        np.testing.assert_allclose(own_curve["reward"], curve["reward"][:, i], rtol=2e-3, atol=2e-3)
+
+
+def test_an_interrupted_grounding_has_the_bits_of_an_uninterrupted_one(monkeypatch, tmp_path):
+    env, config = small.env(SOURCE), dataclasses.replace(CONFIG, iterations=4)
+    data = small.policy_set(), small.log()
+    run = ensemble.loop.run
+    halves = iter((2, 4))
+    monkeypatch.setattr(
+        ensemble.loop, "run", lambda update, state, _, **options: run(update, state, next(halves), **options)
+    )
+    ground = partial(mpge_jax.ground, env, quiet=True)
+    ground(*data, config, jax.random.key(0), folder=tmp_path / "a")
+    resumed = ground(*data, config, jax.random.key(0), folder=tmp_path / "a")
+    monkeypatch.setattr(ensemble.loop, "run", run)
+    whole = ground(*data, config, jax.random.key(0))
+    jax.tree.map(np.testing.assert_array_equal, resumed, whole)
+
+    other_log = data[1].replace(action=data[1].action.at[0, 0].add(0.5))
+    for refused, message in (
+        ((data[0], other_log, config, jax.random.key(0)), "log differ"),
+        ((small.policy_set(seed=1), data[1], config, jax.random.key(0)), "policies differ"),
+        ((*data, config, jax.random.key(1)), "keys differ"),
+        ((*data, dataclasses.replace(config, discriminator_updates=3), jax.random.key(0)), "config differ"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ground(*refused, folder=tmp_path / "a")
+
+
+def test_shapes_that_do_not_match_are_named():
+    env, keys = small.env(SOURCE), jax.random.split(jax.random.key(0), 2)
+    two = lambda tree: small.stacked(tree, tree)  # noqa: E731
+    sets, logs = two(small.policy_set()), two(small.log())
+    ground = partial(mpge_jax.ground_ensemble, config=CONFIG, keys=keys, quiet=True)
+    with pytest.raises(ValueError, match="2 keys ask for as many target logs"):
+        ground(env, sets, small.stacked(small.log()))
+    with pytest.raises(ValueError, match="2 keys ask for as many rollout policies"):
+        ground(env, small.policy_set(), logs)
+    with pytest.raises(ValueError, match="2 keys ask for as many starting transformers"):
+        ground(env, sets, logs, start=small.stacked(small.constant(env, 0.0)))
+    with pytest.raises(ValueError, match="HalfCheetah has 17 and 6"):
+        ground(small.env("HalfCheetah"), sets, logs)
+    with pytest.raises(ValueError, match=r"hidden layers \(8,\), the configuration wants \(256, 256\)"):
+        mpge_jax.ground_ensemble(
+            env, sets, logs, dataclasses.replace(CONFIG, rollout=SACConfig()), keys, quiet=True
+        )
+    with pytest.raises(ValueError, match="log is of 3 rollout policies, but 2 policies were given"):
+        ground(env, two(small.policy_set(size=2)), logs)
+    broken = small.log().replace(action=small.log().action.at[1, 2].set(jnp.nan))
+    with pytest.raises(ValueError, match="action of policy 1 is not finite in row 2"):
+        ground(env, sets, small.stacked(small.log(), broken))
+
+
+def test_a_start_is_gone_on_from_and_stays_usable():
+    env = small.env(SOURCE)
+    start = small.constant(env, 1.0)
+    config = dataclasses.replace(CONFIG, transformer=TransformerConfig(hidden=()), iterations=1)
+    learned, _ = mpge_jax.ground(
+        env, small.policy_set(), small.log(), config, jax.random.key(0), start=start, quiet=True
+    )
+    moved = np.asarray(transformer.deterministic(learned, jnp.zeros(4), jnp.zeros(1), LOW, HIGH))
+    assert 0.5 < moved.item() < 1.5
+    np.testing.assert_array_equal(start.params["mean"]["params"]["Dense_0"]["bias"], [1.0])
+
+
+def test_grounding_finds_the_skew_of_the_pendulum():
+    """End to end with the shipped policies: doing nothing is 1.31 away from the truth (1.5, where unclipped)."""
+    env, target = small.env(SOURCE), small.env("SkewedPendulum")
+    truth = transform_error.truth_of(target)
+    shipped, _ = policies.shipped(SOURCE, "MS")
+    config = GroundingConfig(
+        num_envs=32,
+        steps_per_iteration=32,
+        iterations=60,
+        transformer=TransformerConfig(init_log_std=-0.5),
+        discriminator_updates=4,
+        discriminator_batch=128,
+        value_learning_rate=3e-4,
+        value_epochs=2,
+    )
+    log = target_log.collect(jax.random.key(1), target, shipped, 1000, config.rollout)
+    pi_g, curve = mpge_jax.ground(env, shipped, log, config, jax.random.key(0), truth=truth, quiet=True)
+    assert curve["error_uniform"][0] > 1.1
+    assert curve["error_own"][-1] < 0.4
+    assert float(transform_error.in_rollouts(jax.random.key(2), pi_g, env, truth)) < 0.6
