@@ -35,7 +35,7 @@ from mpge_jax.sac import SACConfig
 PARTS = ("envs", "grounding", "sac")
 SOURCE, TARGET = "HalfCheetah", "BrokenCheetah"
 SAMPLES = 5_000
-SAC_UPDATES = 256
+SAC_UPDATES = 64
 # Environment steps a second of the paper's released code while it grounds, learning included, on two CPU cores.
 REFERENCE = 676.0
 
@@ -132,7 +132,7 @@ def measure_gymnasium(seconds: float) -> Row:
         model.write_text(gymnasium_spec("half_cheetah.xml").to_xml())
         env = gymnasium.make(f"{SOURCE}-v5", xml_file=str(model))
     env.reset(seed=0)
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (500, *env.action_space.shape))
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (500, *(env.action_space.shape or ())))
 
     def call() -> None:
         for action in actions:

@@ -7,6 +7,7 @@ No number in it is typed: run the command again and the page is made anew from t
 
 import json
 import os
+import re
 import shlex
 import shutil
 import sys
@@ -50,7 +51,7 @@ class Sweep:
       versions: of packages, and the machine.
       rows: one for each method, number of samples and seed.
       curves: of grounding, by method and samples.
-      failures: last line of the error of each cell that failed.
+      failures: what each cell that failed raised.
       pictures: that it drew.
     """
 
@@ -99,7 +100,7 @@ def read_sweep(folder: Path) -> Sweep:
         except Exception as error:
             raise ValueError(f"{file} is damaged ({type(error).__name__}: {error})") from error
     failures = {
-        file.parent.name: _read_json(file)["error"].strip().splitlines()[-1]
+        file.parent.name: _summary(_read_json(file)["error"])
         for file in sorted((folder / "cells").glob("*/error.json"))
         if not (file.parent / "result.json").exists()
     }
@@ -119,13 +120,20 @@ def read_sweep(folder: Path) -> Sweep:
         ) from error
 
 
+def _summary(trace: str) -> str:
+    """What was raised, from a traceback; XLA's messages go on over many lines, of which the first tells most."""
+    lines = trace.strip().splitlines()
+    raised = [line for line in lines if re.match(r"[A-Za-z_][\w.]*(: |$)", line)]
+    return (raised or lines)[-1]
+
+
 def budgets(identity: dict[str, Any]) -> str:
     """One sentence on what each cell of a sweep was given."""
     preset = identity["preset"]
     known = identity["task"] in envs.names()
     settings = preset["tasks"].get(envs.source_of(identity["task"])) if known else None
     shared = (
-        f"{preset['policies']} rollout policies, ensembles of {preset['members']}, "
+        f"{preset['policies']} rollout policies (one for SPG), ensembles of {preset['members']}, "
         f"evaluation over {preset['episodes']} episodes"
     )
     if settings is None:
@@ -162,16 +170,15 @@ def curve_table(sweep: Sweep) -> list[str]:
         "Action-transformation error in the course of grounding, as a share of its iterations (logged states; uniform "
         "random actions / the policies' own; mean over seeds and members):",
         "",
-        f"| method | samples | iterations | {' | '.join(heads)} | minutes of the whole |",
-        f"|---|--:|--:|{'--:|' * len(SHARES)}--:|",
+        f"| method | samples | iterations | {' | '.join(heads)} |",
+        f"|---|--:|--:|{'--:|' * len(SHARES)}",
     ]
     for method, samples in sorted(curves, key=lambda cell: _place(dict(method=cell[0], samples=cell[1]))):
         curve = curves[method, samples]
         uniform, own = (_mean(curve[name]) for name in ("error_uniform", "error_own"))
         at = [max(0, round(share * len(uniform)) - 1) for share in SHARES]
         values = " | ".join(f"{uniform[i]:.3f} / {own[i]:.3f}" for i in at)
-        minutes = f"{np.max(curve['seconds']) / 60:.1f}" if "seconds" in curve else ""
-        lines.append(f"| {method} | {samples:,} | {len(uniform):,} | {values} | {minutes} |")
+        lines.append(f"| {method} | {samples:,} | {len(uniform):,} | {values} |")
     return lines
 
 

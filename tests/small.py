@@ -1,4 +1,7 @@
-"""Small policies, logs and transformers on the real tasks, shared between tests."""
+"""Small policies, logs and transformers on the real tasks, shared between tests.
+
+What is made once is kept, so it must not be asked for the first time inside of a traced function.
+"""
 
 from functools import cache
 

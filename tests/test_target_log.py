@@ -1,5 +1,7 @@
 """Target logs: every step is metered, rows are true transitions, and bad files and logs are named."""
 
+import io
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -124,6 +126,12 @@ def without_counts(path):
         np.savez(path, **{name: file[name] for name in file.files if name != "count"})
 
 
+def npy():
+    file = io.BytesIO()
+    np.save(file, np.zeros(3))
+    return file.getvalue()
+
+
 def with_pickle(path):
     with np.load(path) as file:
         fields = {name: file[name] for name in file.files}
@@ -138,7 +146,7 @@ def with_pickle(path):
         with_pickle,
         lambda path: path.write_bytes(b""),
         lambda path: path.write_text("no log"),
-        lambda path: np.save(path.open("wb"), np.zeros(3)),
+        lambda path: path.write_bytes(npy()),
     ],
     ids=["truncated", "field missing", "pickle", "empty", "text", "npy"],
 )

@@ -43,10 +43,11 @@ def test_mean_error_by_hand(target, source, delta, expected):
 
 def test_along_rollouts_and_on_a_log():
     env, truth = small.env("InvertedPendulum"), transform_error.truth_of(small.env("SkewedPendulum"))
+    log = small.log(log_std=-18.0)
     measure = jax.jit(
         lambda pi_g: (
             transform_error.in_rollouts(jax.random.key(0), pi_g, env, truth, 1024),
-            transform_error.on_log(jax.random.key(1), pi_g, env, truth, small.log(log_std=-18.0)),
+            transform_error.on_log(jax.random.key(1), pi_g, env, truth, log),
         )
     )
     along, on_log = measure(small.constant(env, 1.5))
@@ -57,7 +58,6 @@ def test_along_rollouts_and_on_a_log():
     assert float(along) == pytest.approx(1.3125, abs=0.06)
     assert float(on_log["error_uniform"]) == pytest.approx(1.3125, abs=0.06)
     # The mean over policies, each of which counts the same, of the error at its own actions.
-    log = small.log(log_std=-18.0)
     own = [np.asarray(log.action)[k, : int(log.count[k]), 0] for k in range(3)]
     expected = np.mean([np.mean(np.clip(a + 1.5, -3, 3) - a) for a in own])
     assert float(on_log["error_own"]) == pytest.approx(expected, abs=0.06)

@@ -157,6 +157,11 @@ def _blocks(r: Array, logs: list[_Log]) -> Array:
     return np.bincount(index, r**2) / np.bincount(index)
 
 
+def _robust(blocks: Array, reference: Array) -> Array:
+    """Loss of blocks in units of the reference's median block; wild blocks count little."""
+    return 5.0 * np.log1p(blocks / max(float(np.median(reference)), 1e-12) / 5.0)
+
+
 def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: _Data) -> Fitted:
     params = start.hypothesis.params(ctx)
     if not params:
@@ -186,7 +191,6 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: _Data) -
 def _search(model: mujoco.MjModel, ctx: Context, place: Place, d: _Data, ids: list[str]) -> Fitted:
     a = place.index
     current = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
-    nominal = float(np.mean(_blocks(_residual(model, ctx, current, a, d.held, d), d.held)))
     while len(current.hypothesis.terms) < MAX_EFFECTS:
         field_ = []
         for i in ids:
@@ -206,7 +210,9 @@ def _search(model: mujoco.MjModel, ctx: Context, place: Place, d: _Data, ids: li
         if not field_:
             return current
         before = _blocks(_residual(model, ctx, current, a, d.held, d), d.held)
-        field_.sort(key=lambda x: x[1].mean())
+        reference = min((x[1] for x in field_), key=np.median)
+        before = _robust(before, reference)
+        field_ = sorted(((f, _robust(b, reference)) for f, b in field_), key=lambda x: x[1].mean())
         top = field_[0]
         tied = [
             x for x in field_
@@ -215,7 +221,7 @@ def _search(model: mujoco.MjModel, ctx: Context, place: Place, d: _Data, ids: li
         chosen, after = min(tied, key=lambda x: (x[0].theta.size, x[1].mean()))
         gain = before - after
         error = gain.std() / np.sqrt(max(gain.size - 1, 1))
-        if gain.mean() < 3 * error or gain.mean() < 0.03 * nominal:
+        if gain.mean() < 3 * error or gain.mean() < 0.05 * before.mean():
             return current
         current = chosen
     return current

@@ -39,7 +39,7 @@ def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> tuple[float, float]
     if not cuts.count:
         return 1.0, 0.05
     white = whitener(
-        sim, f.hypothesis, f.theta, cuts, noise, [numerics(sim, f.hypothesis, f.theta, cuts)]
+        sim, f.hypothesis, f.theta, cuts, noise, [numerics(sim, f.hypothesis, f.theta, cuts)], temper=False
     )
     x = white.excess(white(sim.residuals([Run(f.hypothesis, f.theta)], cuts)))[0]
     loss = robust_loss(x)

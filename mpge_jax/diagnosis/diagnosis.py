@@ -178,7 +178,8 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress) -> Diagnosis:
     rivals = find_rivals(s, best, whites, last)
     say("judging what is left")
     train, held = (_report(p, f, is_held) for is_held in (False, True))
-    unexplained = _left(p, s, best, whites, held)
+    plain_whites = s.whiten(f, temper=False)
+    unexplained = _left(p, s, s.score([f], plain_whites)[0], plain_whites, held)
     drop = _error_drops(p, f, held)
     ambiguous = any(r.tied for rs in rivals.values() for r in rs)
     verdict = "none"
@@ -274,7 +275,7 @@ def _error_drops(p: Prepared, f: Fitted, held: FitReport) -> dict[Term, float]:
 def _locate(p: Prepared, s: Search) -> list[tuple[str, str, float]]:
     """Where the nominal model lacks force: (place, kind, ratio to what noise explains), largest first."""
     nominal = s.nominal()
-    whites = s.whiten(nominal)
+    whites = s.whiten(nominal, temper=False)
     ratio, _ = excess_by_dof(s.sim, nominal, s.train, whites[0])
     out: dict[str, float] = {}
     for d in active_dofs(p.model) or range(p.model.nv):

@@ -45,7 +45,7 @@ class CorrectedEngine:
             model.dof_frictionloss[dof] = max(float(model.dof_frictionloss[dof]), 1e-9)
         self.machine = machine
         self.model = model
-        self._mjx = mjx.put_model(model)
+        self.mjx_model = mjx.put_model(model)
         self._dt = float(model.opt.timestep)
         delays = [float(np.max(t.effect.sense(theta)[1])) for t, theta in machine.sensed]
         self._history = int(np.ceil(max(delays, default=0.0) / self._dt)) + 2
@@ -53,7 +53,8 @@ class CorrectedEngine:
     def init(self, qpos: jax.Array, qvel: jax.Array) -> CorrectedData:
         """State at rest of all memories."""
         data = mjx.make_data(self.model).replace(qpos=jnp.asarray(qpos), qvel=jnp.asarray(qvel))
-        data = mjx.forward(self._mjx, data)
+        with jax.numpy_rank_promotion("allow"):
+            data = mjx.forward(self.mjx_model, data)
         zero = jnp.zeros(self.model.nu, data.qpos.dtype)
         commands = stepping.command_start(jnp, self.machine, zero, self._dt)
         forces = stepping.force_start(jnp, self.machine, self._observe(data, zero))
@@ -76,7 +77,7 @@ class CorrectedEngine:
         reached, commands = stepping.command_step(jnp, self.machine, ctrl, commands, self._dt)
         s = self._observe(data, reached)
         applied, forces = stepping.force_step(jnp, self.machine, s, forces)
-        model = self._mjx
+        model = self.mjx_model
         if self.machine.dry_dofs():
             model = model.replace(dof_frictionloss=applied.dry.astype(model.dof_frictionloss.dtype))
         kind = data.qpos.dtype
@@ -84,7 +85,8 @@ class CorrectedEngine:
             ctrl=applied.ctrl.astype(kind), qfrc_applied=applied.qfrc.astype(kind),
             xfrc_applied=applied.xfrc.astype(kind),
         )  # fmt: skip
-        data = mjx.step(model, data)
+        with jax.numpy_rank_promotion("allow"):  # MJX relies on it
+            data = mjx.step(model, data)
         past = jnp.concatenate([data.qpos[None], past[:-1]])
         return data, commands, forces, past
 

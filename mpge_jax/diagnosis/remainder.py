@@ -29,7 +29,7 @@ def describe(p: Prepared, s: Search, best: Scored, ratio: Array, share: float) -
         ratio: [nv] missing force per degree of freedom, in units of what noise explains, on held-out windows.
         share: share of the held-out squared error that remains.
     """
-    white = s.whiten(best.fit)[0]
+    white = s.whiten(best.fit, temper=False)[0]
     train_ratio, force = excess_by_dof(s.sim, best.fit, s.train, white)
     total = ratio + train_ratio
     dofs = active_dofs(p.model) or list(range(p.model.nv))

@@ -85,12 +85,12 @@ class Search:
     def nominal(self) -> Fitted:
         return Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
 
-    def whiten(self, around: Fitted) -> tuple[Whitener, Whitener]:
+    def whiten(self, around: Fitted, temper: bool = True) -> tuple[Whitener, Whitener]:
         """Whiteners of training and held-out windows around a fit."""
         out = []
         for w in (self.train, self.held):
             nuisance = [numerics(self.sim, around.hypothesis, around.theta, w)]
-            out.append(whitener(self.sim, around.hypothesis, around.theta, w, self.noise, nuisance))
+            out.append(whitener(self.sim, around.hypothesis, around.theta, w, self.noise, nuisance, temper))
         return out[0], out[1]
 
     def score(self, fits: list[Fitted], whites: tuple[Whitener, Whitener]) -> list[Scored]:

@@ -3,6 +3,10 @@
 A window's residual has covariance S = sigma^2 I + kappa^2 Phi P Phi^T + D D^T: measurement noise, the uncertain
 start state (Phi: sensitivity of the window to its start, P: the smoother's covariance) and nuisance directions D
 such as the effect of a finer timestep. Whitening multiplies by S^(-1/2), through a thin SVD per window.
+
+Where the hypothesis around which one whitens misses the data by more than noise, sigma is enlarged until its median
+window is ordinary (tempering): a model that is wrong by a hundred deviations says nothing at the scale of one, and
+the robust loss would no longer tell better from worse. As effects are found, sigma shrinks to the noise.
 """
 
 from __future__ import annotations
@@ -95,8 +99,13 @@ def whitener(
     w: Windows,
     noise: Noise,
     nuisance: list[Array] | None = None,
+    temper: bool = True,
 ) -> Whitener:
-    """Whitener of windows `w` around a hypothesis. `nuisance`: residual-shaped directions [W, N, 2 nv]."""
+    """Whitener of windows `w` around a hypothesis.
+
+    Args:
+        nuisance: residual-shaped directions [W, N, 2 nv]. temper: enlarge sigma to the hypothesis's own misfit.
+    """
     scale = column_scale(noise, sim.model)
     res = sim.residuals(start_runs(hypothesis, theta, w), w)
     base = res[0]
@@ -111,13 +120,25 @@ def whitener(
         extra = [np.where(seen, d / scale, 0.0).reshape(1, w.count, -1) for d in nuisance]
         stack += [NUISANCE * np.clip(e, -_CAP, _CAP) for e in extra]
     u = np.moveaxis(np.concatenate(stack), 0, -1)
-    basis, s, _ = np.linalg.svd(u, full_matrices=False)
-    shrink = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
-    # expected chi^2 with the true start covariance (kappa = 1): noise plus start through S^(-1)
+    basis, singular, _ = np.linalg.svd(u, full_matrices=False)
     bare = np.einsum("wmk,rwm->rwk", basis, columns, optimize=True)
-    gained = (bare**2 / (1.0 + s**2)).sum((0, 2))
-    expected = (count - (s**2 / (1.0 + s**2)).sum(-1) + gained) / count
-    return Whitener(scale, basis, shrink, flat_seen, count, np.maximum(expected, 0.05))
+
+    def build(factor: float) -> Whitener:
+        s = singular / factor
+        shrink = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
+        # expected chi^2 with the true start covariance (kappa = 1): noise plus start through S^(-1)
+        gained = ((bare / factor) ** 2 / (1.0 + s**2)).sum((0, 2))
+        expected = (count - (s**2 / (1.0 + s**2)).sum(-1) + gained) / count
+        return Whitener(scale * factor, basis, shrink, flat_seen, count, np.maximum(expected, 0.05))
+
+    white, factor = build(1.0), 1.0
+    for _ in range(4 if temper else 0):
+        median = float(np.median(white.excess(white(base[None])))) if w.count else 1.0
+        if median <= 1.2:
+            break
+        factor *= np.sqrt(median)
+        white = build(factor)
+    return white
 
 
 def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> Array:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from envs._mjx import mjx
 from machines import ARM, BOX, PENDULUM
 
 from mpge_jax.diagnosis import REGISTRY, VOCABULARY
@@ -31,8 +32,8 @@ VALUES = {
 # Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
 # takes polynomial damping implicitly, and contact solvers start from another guess.
 EXPORTED = {
-    "actuator_lag": 2e-3, "actuator_delay": 2e-3, "quadratic_drag": 2e-4, "contact_friction": 1e-5,
-    "contact_stiffness": 1e-5,
+    "actuator_lag": 2e-3, "actuator_delay": 2e-3, "quadratic_drag": 2e-4, "contact_friction": 1e-4,
+    "contact_stiffness": 1e-4,
 }  # fmt: skip
 CONTACT = ("contact_friction", "contact_stiffness")
 
@@ -111,26 +112,61 @@ def test_native_export_moves_like_the_effect(effect_id):
         np.testing.assert_allclose(data.qpos, want[k], atol=EXPORTED.get(effect_id, 1e-6))
 
 
-@pytest.mark.parametrize("effect_id", VOCABULARY)
-def test_c_and_jax_agree_step_by_step(effect_id):
-    m, contact = machine(effect_id), effect_id in CONTACT
-    engine, stepper = CorrectedEngine(m), CStepper(m)
+@jax.jit
+def _plain_step(model, data, u):
+    with jax.numpy_rank_promotion("allow"):
+        for _ in range(2):
+            data = mjx.step(model, data.replace(ctrl=u))
+    return data
+
+
+def _compare_with_c(m: Machine, contact: bool, step, data) -> None:
+    stepper = CStepper(m)
     q0 = np.array([0.0, 0.001]) if contact else np.full(m.model.nq, 0.4)
     stepper.reset(q0, np.full(m.model.nv, 0.3))
-    data = engine.init(jnp.array(q0), jnp.full(m.model.nv, 0.3))
-    step = jax.jit(engine.step, static_argnums=2)
     for k in range(25):
         u = 4.0 * command(k) if contact else command(k)
         stepper.step(u, 2)
-        data = step(data, jnp.array(u, jnp.float32), 2)
+        data = step(data, jnp.array(u, jnp.float32))
         np.testing.assert_allclose(np.asarray(data.qpos), stepper.measured(), atol=3e-4)
+
+
+def _in_steps(effect_id: str) -> bool:
+    e = REGISTRY[effect_id]
+    return e.runtime or e.commands or e.senses
+
+
+def _start(m: Machine, contact: bool):
+    return jnp.array([0.0, 0.001]) if contact else jnp.full(m.model.nq, 0.4), jnp.full(m.model.nv, 0.3)
+
+
+@pytest.mark.parametrize("effect_id", [i for i in VOCABULARY if not _in_steps(i)])
+def test_native_effects_agree_in_c_and_mjx(effect_id):
+    """The model alone carries these effects, so one compiled step serves them all."""
+    m, contact = machine(effect_id), effect_id in CONTACT
+    data = CorrectedEngine(m).init(*_start(m, contact)).inner
+    _compare_with_c(m, contact, lambda d, u: _plain_step(CorrectedEngine(m).mjx_model, d, u), data)
+
+
+QUICK = ("stribeck_friction", "joint_flexibility", "actuator_delay", "sensor_delay")
+
+
+@pytest.mark.parametrize(
+    "effect_id",
+    [i if i in QUICK else pytest.param(i, marks=pytest.mark.slow) for i in VOCABULARY if _in_steps(i)],
+)
+def test_effects_computed_each_step_agree_in_c_and_jax(effect_id):
+    m = machine(effect_id)
+    engine = CorrectedEngine(m)
+    step = jax.jit(engine.step, static_argnums=2)
+    _compare_with_c(m, False, lambda d, u: step(d, u, 2), engine.init(*_start(m, False)))
 
 
 def test_jax_engine_is_batched_by_vmap():
     m = machine("stribeck_friction")
     engine = CorrectedEngine(m)
     q0 = jnp.array([[0.1], [0.5], [1.0]])
-    data = jax.vmap(engine.init)(q0, jnp.zeros((3, 1)))
+    data = jax.jit(jax.vmap(engine.init))(q0, jnp.zeros((3, 1)))
     data = jax.jit(jax.vmap(lambda d, u: engine.step(d, u, 5)))(data, jnp.zeros((3, 1)))
     stepper = CStepper(m)
     for i in range(3):

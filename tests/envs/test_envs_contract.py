@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from compiled import COPIES, compiled
 
 import envs
+from tests.envs.compiled import COPIES, compiled
 
 # MJX takes tens of seconds to compile a model on CPU: one of its models by default, all of them in the slow tests.
 CASES = [(name, "c") for name in envs.names()] + [
@@ -96,7 +96,7 @@ def test_copies_do_not_touch_each_other(name, backend):
         assert_same(lost.obs, after.obs, others)
         assert_same(lost.reward, after.reward, others)
         # What is lost stays lost, for all to see, and ends its episode.
-        assert np.isnan(lost.obs[1]).all() or np.isnan(lost.obs[1]).any()
+        assert np.isnan(lost.obs[1]).any()
         assert_same(lost.done, [0.0, 1.0, 0.0, 0.0])
         again = case.step(lost, actions)
         assert np.isnan(again.obs[1]).any() and np.isfinite(np.asarray(again.obs)[others]).all()
@@ -153,7 +153,7 @@ def test_reset_after_done(name, backend):
 
 @pytest.mark.parametrize(
     ("name", "known"),
-    [("hopper", "Hopper"), ("BrokenChetah", "BrokenCheetah"), ("Pendulum", "InvertedPendulum")],
+    [("hopper", "Hopper"), ("BrokenChetah", "BrokenCheetah"), ("InvertedPendulm", "InvertedPendulum")],
 )
 def test_unknown_environment(name, known):
     with pytest.raises(ValueError, match=f"unknown environment '{name}'; did you mean '{known}'"):

@@ -46,7 +46,7 @@ def folder(tmp_path: Path) -> Path:
         (cell / "result.json").write_text(json.dumps(rows))
     uniform = np.linspace(1.0, 0.05, 20)[:, None, None] * np.ones((20, 2, 1))
     np.savez(sweep.cell("SPG", 1000) / "curve.npz", error_uniform=uniform, error_own=2 * uniform)
-    sweep.save_error("SPG", 500, "Traceback ...\nValueError: nothing was recorded\n")
+    sweep.save_error("SPG", 500, "Traceback ...\nValueError: nothing was recorded\n  more: of it\n")
     sweep.write_tables("")
     (path / "returns.png").write_bytes(b"a picture")
     return path

@@ -62,7 +62,7 @@ def cogging_torque(p: Place, s: float) -> Parameters:
 
 
 def backlash(p: Place, s: float) -> Parameters:
-    return {"gap": min(s * 0.02, 0.2)}
+    return {"gap": min(s * 0.02, 0.1)}
 
 
 def joint_flexibility(p: Place, s: float) -> Parameters:

@@ -1,0 +1,168 @@
+"""The command end to end on a pendulum: verdict, files, exit statuses, and the report in a browser."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import mujoco
+import numpy as np
+import pytest
+from machines import PENDULUM, record
+
+from experiments.diagnose import main
+from mpge_jax.diagnosis import Config, diagnose
+from mpge_jax.diagnosis.corrected import CorrectedModel
+
+EFFECTS = ["coulomb_friction", "viscous_damping", "actuator_gain"]
+EVIL = 'hinge&lt;script&gt;alert(1)&lt;/script&gt;"'
+
+
+def _friction(model, data):
+    data.qfrc_applied[0] -= 0.1 * np.tanh(data.qvel[0] / 0.03)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Model and recordings of a pendulum whose joint has a hostile name and dry friction of 0.1 N m."""
+    path = tmp_path_factory.mktemp("pendulum")
+    (path / "model.xml").write_text(PENDULUM.replace('"hinge"', f"'{EVIL}'"))
+    for r in record(PENDULUM, 1.2, force=_friction):
+        np.savez(path / f"{r.name}.npz", time=r.time, qpos=r.qpos, ctrl=r.ctrl)
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(folder, tmp_path_factory):
+    out = tmp_path_factory.mktemp("out")
+    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out", str(out)]
+    assert main([*arguments, "--effects", *EFFECTS, "--jobs", "1", "--quiet"]) == 0
+    return out, json.loads((out / "diagnosis.json").read_text())
+
+
+def test_friction_is_named_with_its_value(result):
+    _, table = result
+    assert table["schema"] == 1 and table["verdict"] == "effects"
+    (effect,) = table["effects"]
+    assert effect["id"] == "coulomb_friction" and "script" in effect["at"]
+    torque = effect["parameters"]["torque"]
+    assert torque["value"] == pytest.approx(0.1, rel=0.05) and torque["unit"] == "N m"
+    assert torque["low"] < torque["value"] < torque["high"]
+    assert effect["error_drop"] > 0.9
+    held = table["fit"]["held_out"]
+    assert held["before"] > 5 * held["after"] and table["fit"]["window_s"] == pytest.approx(0.5, rel=0.05)
+    assert set(table) == {
+        "schema", "verdict", "effects", "ambiguous", "unexplained", "location", "fit", "explanation",
+        "warnings", "seed", "versions",
+    }  # fmt: skip
+
+
+def test_corrected_files_rebuild_the_machine(result, folder):
+    out, table = result
+    model = mujoco.MjModel.from_xml_path(str(out / "corrected.xml"))
+    value = table["effects"][0]["parameters"]["torque"]["value"]
+    assert model.dof_frictionloss[0] == pytest.approx(value, rel=1e-4)
+    rebuilt = CorrectedModel.load(folder / "model.xml", out / "effects.json").c_stepper()
+    rebuilt.reset(np.array([0.8]), np.zeros(1))
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.8
+    for _ in range(100):
+        rebuilt.step(np.array([0.3]))
+        data.ctrl[:] = 0.3
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(rebuilt.data.qpos, data.qpos, atol=1e-5)
+
+
+class _Page(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.images: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        if tag == "img":
+            self.images.append(dict(attrs)["src"])
+
+
+def test_report_is_self_contained_and_escaped(result):
+    out, _ = result
+    text = (out / "report.html").read_text()
+    page = _Page()
+    page.feed(text)
+    assert "script" not in page.tags and "&lt;script&gt;" in text
+    assert len(page.images) == 5
+    for source in page.images:
+        assert base64.b64decode(source.removeprefix("data:image/png;base64,"))[:4] == b"\x89PNG"
+    assert not re.search(r'(?:src|href)="https?:', text)
+
+
+def test_report_opens_in_a_browser_without_errors(result, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no chromium here: the report was not opened in a browser")
+    out, _ = result
+    probe = tmp_path / "probe.html"
+    script = (
+        "<script>addEventListener('load',()=>{const i=[...document.images];"
+        "document.title='shown '+i.filter(x=>x.complete&&x.naturalWidth>0).length+' of '+i.length})</script>"
+    )
+    probe.write_text((out / "report.html").read_text().replace("</body>", script + "</body>"))
+    command = [
+        browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
+        "--enable-logging=stderr", "--v=0", "--virtual-time-budget=3000", "--dump-dom", probe.as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert "<title>shown 5 of 5</title>" in done.stdout
+    assert "CONSOLE" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda a: a | {"--model": ["none.xml"]}, "does not exist"),
+        (lambda a: a | {"--recordings": ["none.npz"]}, "does not exist"),
+        (lambda a: a | {"--effects": ["gremlins"]}, "unknown effect 'gremlins'"),
+        (lambda a: a | {"--held-out": ["gremlins"]}, "'gremlins' is not among"),
+        (lambda a: a | {"--map": ["none.yaml"]}, "cannot read the map"),
+        (lambda a: a | {"--jobs": ["0"]}, "at least 1"),
+    ],
+)
+def test_bad_input_ends_with_one_sentence_and_writes_nothing(folder, tmp_path, capsys, change, message):
+    out = tmp_path / "out"
+    arguments = {"--model": [str(folder / "model.xml")], "--recordings": [str(folder)], "--out": [str(out)]}
+    arguments = change(arguments)
+    assert main([x for k, v in arguments.items() for x in (k, *v)]) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith("error: ") and message in error
+    assert not out.exists()
+
+
+def test_recordings_shorter_than_a_window_are_told(folder, tmp_path, capsys):
+    short = tmp_path / "short.npz"
+    np.savez(short, time=[0.0, 0.01, 0.02, 0.03], qpos=np.zeros((4, 1)), ctrl=np.zeros((4, 1)))
+    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(short), "--out", str(tmp_path / "o")]
+    assert main(arguments) == 2
+    assert "record more" in capsys.readouterr().err
+
+
+def test_a_robot_that_never_moved_says_what_cannot_be_seen():
+    from mpge_jax.diagnosis import Recording
+
+    t = 0.01 * np.arange(150)
+    still = [Recording(f"r{i}", t, np.zeros((150, 1)), None, np.zeros((150, 1))) for i in range(2)]
+    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), still, Config(jobs=1, effects=tuple(EFFECTS)))
+    assert d.verdict == "none"
+    assert any("never moved" in w for w in d.warnings)
+
+
+def test_nothing_is_found_where_nothing_is_missing():
+    recordings = record(PENDULUM, 1.2, seed=3)
+    config = Config(jobs=1, effects=tuple(EFFECTS), seed=1)
+    first, second = (diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, config) for _ in range(2))
+    assert first.verdict == "none" and not first.terms
+    assert first.to_json() == second.to_json()

@@ -1,0 +1,152 @@
+"""What the engines refuse, and what happens to a simulation that is lost."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+import envs
+from envs.c_engine import _MOST_BATCHES, CEngine
+from tests.envs.compiled import compiled
+
+ROOT = Path(__file__).resolve().parents[2]
+
+SLIDER = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body name="b"><joint name="x" type="slide" axis="1 0 0" {joint}/><geom size="0.1" mass="1"/></body>
+  </worldbody>
+  <actuator><motor joint="x" ctrlrange="-1 1" {motor}/></actuator>
+  {more}
+</mujoco>
+"""
+
+
+def model(joint="", motor="", more=""):
+    return mujoco.MjModel.from_xml_string(SLIDER.format(joint=joint, motor=motor, more=more))
+
+
+def test_c_engine_is_mujoco_with_all_it_carries():
+    """Activations, sensors and time against a loop over `mj_step`."""
+    edited = model(
+        motor='/><general joint="x" dyntype="filter" dynprm="0.1" gainprm="2" ctrlrange="-1 1"',
+        more='<sensor><jointpos joint="x"/><jointvel joint="x"/></sensor>',
+    )
+    assert (edited.na, edited.nu, edited.nsensordata) == (1, 2, 2)
+    engine, reference = CEngine(edited), mujoco.MjData(edited)
+    data = engine.init(jnp.zeros(1), jnp.zeros(1))
+    step = jax.jit(lambda d, u: engine.step(d, u, 3))
+    for control in np.random.default_rng(0).uniform(-1, 1, (20, 2)).astype(np.float32):
+        data = step(data, jnp.asarray(control))
+        reference.ctrl[:] = control
+        mujoco.mj_step(edited, reference, nstep=3)
+    for name in ("qpos", "qvel", "act", "time", "sensordata"):
+        np.testing.assert_allclose(
+            getattr(data, name), getattr(reference, name), rtol=2e-5, atol=1e-7, err_msg=name
+        )
+
+
+def test_a_diverged_simulation_is_lost_and_alone(capfd):
+    """MuJoCo would put it back to its initial state without a word to the caller."""
+    engine = CEngine(model(joint='springref="1" stiffness="1e9"'))
+    start = jnp.array([[0.0], [1.0]])  # far from the spring's rest, and at it
+    data = jax.vmap(engine.init)(start, jnp.zeros((2, 1)))
+    step = jax.jit(jax.vmap(lambda d, u: engine.step(d, u, 50)))
+    for _ in range(20):
+        data = step(data, jnp.zeros((2, 1)))
+    assert np.isnan(data.qpos[0]).all() and np.isnan(data.time[0])
+    np.testing.assert_array_equal(data.qpos[1], [1.0])
+    capfd.readouterr()
+
+
+def test_nan_is_not_logged(capfd):
+    engine = CEngine(model())
+    data = engine.step(engine.init(jnp.zeros(1), jnp.zeros(1)), jnp.full(1, jnp.nan), 2)
+    assert np.isnan(data.qpos).all()
+    assert "WARNING" not in "".join(capfd.readouterr())
+
+
+def test_batches_are_bounded():
+    engine = CEngine(model())
+    step = jax.jit(jax.vmap(lambda d, u: engine.step(d, u, 1)))
+    for size in range(1, _MOST_BATCHES + 4):
+        data = jax.vmap(engine.init)(jnp.zeros((size, 1)), jnp.zeros((size, 1)))
+        np.testing.assert_allclose(step(data, jnp.ones((size, 1))).qvel, np.full((size, 1), 0.002), rtol=1e-6)
+    assert len(engine._batches) == _MOST_BATCHES
+
+
+def test_delays_need_float64():
+    delayed = model(motor='delay="0.01" nsample="8"')
+    with pytest.raises(ValueError, match=r"delayed actuators or sensors.*jax_enable_x64"):
+        CEngine(delayed).init(jnp.zeros(1), jnp.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({"motor": 'delay="0.01" nsample="8"'}, "actuator_delay"),
+        ({"joint": 'damping="1 2"'}, "dof_dampingpoly"),
+        ({"joint": 'stiffness="1 2"'}, "jnt_stiffnesspoly"),
+    ],
+)
+def test_mjx_refuses_what_it_would_ignore(changes, name):
+    from envs.mjx_engine import MJXEngine
+
+    with pytest.raises(
+        ValueError, match=f"MJX does not compute {name}, which this model uses: take backend 'c'"
+    ):
+        MJXEngine(model(**changes))
+
+
+def test_mjx_refuses_in_one_sentence():
+    from envs.mjx_engine import MJXEngine
+
+    with pytest.raises(ValueError, match=r"MJX cannot simulate this model .*: take backend 'c'"):
+        edited = model()
+        edited.opt.solver = mujoco.mjtSolver.mjSOL_PGS
+        MJXEngine(edited)
+
+
+def test_warp_is_for_nvidia():
+    try:
+        jax.devices("cuda")
+    except RuntimeError:
+        with pytest.raises(ValueError, match="backend 'warp' needs an NVIDIA GPU and Warp"):
+            envs.make("InvertedPendulum", backend="warp")
+        return
+    case = compiled("InvertedPendulum", "warp")
+    reference = compiled("InvertedPendulum", "c")
+    ours = case.step(case.start(), case.actions())
+    np.testing.assert_allclose(ours.obs, reference.step(reference.start(), case.actions()).obs, atol=1e-5)
+
+
+def test_auto_is_the_c_engine_on_cpu():
+    if jax.default_backend() != "cpu":
+        pytest.skip("this machine computes on an accelerator")
+    assert isinstance(envs.make("Hopper").engine, CEngine)
+
+
+def python(code):
+    command = [sys.executable, "-W", "error::RuntimeWarning", "-c", code]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def test_a_late_import_is_told():
+    late = python("import jax; jax.devices(); import envs; envs.make('InvertedPendulum')")
+    assert late.returncode == 1
+    assert "RuntimeWarning: JAX had computed before `envs` was imported" in late.stderr
+    prepared = (
+        "import jax; jax.config.update('jax_cpu_enable_async_dispatch', False); jax.devices(); import envs; "
+    )
+    assert python(prepared + "envs.make('InvertedPendulum')").returncode == 0
+
+
+def test_mjx_is_imported_in_silence():
+    done = python("import envs; envs.make('InvertedPendulum', backend='mjx')")
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
