@@ -11,16 +11,18 @@ def use_legacy_inertia(spec: mujoco.MjSpec) -> None:
 
     Each capsule becomes massless, and a cylinder that touches nothing is added to its body to carry the mass.
     """
-    compiled = spec.copy().compile()
-    # Read before anything is added: a new geom moves the ids of those behind it.
-    capsules = [(geom, geom.id) for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE]
-    for geom, index in capsules:
-        radius, half_length = compiled.geom_size[index][:2]
+    # A geom's id is set by compiling, and a capsule's size and place (`fromto`) are known only then.
+    measured = spec.copy()
+    model = measured.compile()
+    for geom, index in [(geom, known.id) for geom, known in zip(spec.geoms, measured.geoms, strict=True)]:
+        if geom.type != mujoco.mjtGeom.mjGEOM_CAPSULE:
+            continue
+        radius, half_length = model.geom_size[index][:2]
         twin = geom.parent.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
             size=[radius, half_length + radius / 2, 0.0],
-            pos=compiled.geom_pos[index],
-            quat=compiled.geom_quat[index],
+            pos=model.geom_pos[index],
+            quat=model.geom_quat[index],
             contype=0,
             conaffinity=0,
             group=geom.group,

@@ -60,4 +60,6 @@ class MJXEngine:
     def step(self, data: mjx.Data, ctrl: jax.Array, count: int) -> mjx.Data:
         """`count` physics steps under `ctrl [nu]`."""
         data = data.replace(ctrl=ctrl)
-        return jax.lax.fori_loop(0, count, lambda _, d: mjx.step(self._mjx_model, d), data)
+        # MJX broadcasts across ranks, which a caller may have forbidden for their own code.
+        with jax.numpy_rank_promotion("allow"):
+            return jax.lax.fori_loop(0, count, lambda _, d: mjx.step(self._mjx_model, d), data)

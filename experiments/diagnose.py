@@ -10,6 +10,9 @@ import os
 import sys
 from pathlib import Path
 
+from mpge_jax.diagnosis import Config, InputError, diagnose
+from mpge_jax.diagnosis.mapping import load
+
 
 def parser() -> argparse.ArgumentParser:
     out = argparse.ArgumentParser(prog="python -m experiments.diagnose", description=__doc__.splitlines()[0])
@@ -36,34 +39,30 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Exit status: 0 with a verdict, 2 for bad input, 130 when interrupted."""
-    args = parser().parse_args(argv)
-    from mpge_jax.diagnosis import Config, InputError, diagnose
-
+def _config(args: argparse.Namespace) -> Config:
     try:
-        columns = None
-        if args.map is not None:
-            from mpge_jax.diagnosis.mapping import load
-
-            columns = load(args.map)
-        config = Config(
+        return Config(
             effects=tuple(args.effects) if args.effects else None,
             held_out=tuple(args.held_out) if args.held_out else None,
             seed=args.seed,
             jobs=args.jobs,
             quiet=args.quiet,
         )
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Exit status: 0 with a verdict, 2 for bad input, 130 when interrupted."""
+    args = parser().parse_args(argv)
+    try:
+        columns = None if args.map is None else load(args.map)
+        config = _config(args)
         if args.out.exists() and not args.out.is_dir():
             raise InputError(f"--out {args.out} is a file; give a folder.")
-        result = diagnose(args.model, args.recordings, config, columns)
+        result = diagnose(args.model, args.recordings, config, columns, args.out / ".progress.json")
         result.write(args.out)
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except ValueError as error:
-        if type(error) is not ValueError:
-            raise
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -207,7 +207,9 @@ def _ground(
     if method.grounding == "both":
         learned_from, held_out = jax.vmap(prediction.hold_out, (0, None))(logs, cell.preset.plus.held_out)
     if method.grounding in ("inversion", "both"):
-        start, _ = ensemble.invert_ensemble(source, repeat(learned_from), cell.preset.inversion, keys("inversion"))
+        start, _ = ensemble.invert_ensemble(
+            source, repeat(learned_from), cell.preset.inversion, keys("inversion")
+        )
         if method.grounding == "inversion":
             return fold(start), curve
         config = cell.preset.plus.grounding(config)

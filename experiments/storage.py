@@ -138,8 +138,7 @@ class SweepFolder:
         found = {}
         for file in sorted((self.path / "cells").glob("*/curve.npz")):
             method, samples = file.parent.name.rsplit("-", 1)
-            with np.load(file, allow_pickle=False) as arrays:
-                found[method, int(samples)] = {name: arrays[name] for name in arrays.files}
+            found[method, int(samples)] = files.read_npz(file)
         return found
 
     def write_tables(self, markdown: str) -> None:

@@ -127,9 +127,7 @@ def sweep(args: Args) -> int:
             continue
         seconds = time.monotonic() - started
         rows = [{**row, "seconds": round(seconds / len(outcome.rows), 1)} for row in outcome.rows]
-        folder.save_cell(
-            cell.method, cell.samples, rows, outcome.curve, outcome.transformers, outcome.agents
-        )
+        folder.save_cell(cell.method, cell.samples, rows, outcome.curve, outcome.transformers, outcome.agents)
         mean = sum(row["return_stochastic"] for row in rows) / len(rows)
         console.print(f"{label}: return {mean:.0f} in the target, {seconds:.0f} s", highlight=False)
         write_report(folder, args.task, settings.grounding.batch_size, failures)

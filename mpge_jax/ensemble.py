@@ -90,7 +90,10 @@ def ground_ensemble(
     Raises:
       ValueError: as `ground`.
     """
-    _check_members(keys, rollout_policies, logs, start)
+    starts = {} if start is None else {"starting transformers": start.input_mean}
+    _check_stacked(
+        keys, {"rollout policies": rollout_policies.log_alpha, "target logs": logs.count, **starts}
+    )
     rollout_policies.check_fits(env, config.rollout)
     for member in range(keys.shape[0]):
         target_log.validate(jax.tree.map(lambda x, m=member: x[m], logs), env)
@@ -139,12 +142,7 @@ def ground_ensemble(
     return state.result, curve
 
 
-def _check_members(
-    keys: jax.Array, policies: PolicySet, logs: TargetLog, start: Transformer | None
-) -> None:
-    given = {"rollout policies": policies.log_alpha, "target logs": logs.count}
-    if start is not None:
-        given["starting transformers"] = start.input_mean
+def _check_stacked(keys: jax.Array, given: dict[str, jax.Array]) -> None:
     for name, array in given.items():
         if array.ndim != 2 or array.shape[0] != keys.shape[0]:
             raise ValueError(
@@ -168,7 +166,13 @@ def invert_ensemble(
 
     Returns:
       The transformers, every leaf `[N, ...]`, and the median misfit of each inversion, `[N]`.
+
+    Raises:
+      ValueError: a log that does not fit `env`, or another number of logs than of keys.
     """
+    _check_stacked(keys, {"target logs": logs.count})
+    for member in range(keys.shape[0]):
+        target_log.validate(jax.tree.map(lambda x, m=member: x[m], logs), env)
 
     def one(key: jax.Array, log: TargetLog) -> tuple[Transformer, jax.Array]:
         inverted = inversion.invert(env, log, config)

@@ -1,4 +1,4 @@
-"""Writing files in one step: a reader sees the old or the new one, never half of it."""
+"""Writing files in one step: a reader sees the old or the new one, never half of it. And reading arrays."""
 
 import os
 from collections.abc import Mapping
@@ -27,3 +27,10 @@ def write_npz(path: Path | str, arrays: Mapping[str, Any]) -> None:
     with partial.open("wb") as file:
         np.savez_compressed(file, **named)
     os.replace(partial, path)
+
+
+def read_npz(path: Path | str) -> dict[str, np.ndarray]:
+    """All arrays of an npz file; pickles are refused. Of a damaged file, numpy raises errors of many kinds."""
+    # Opened here, because numpy leaves a file open that turns out to be damaged.
+    with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}

@@ -80,8 +80,11 @@ def invert(env: Env, log: TargetLog, config: InversionConfig) -> Inverted:
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
     size = env.action_size
     flat = lambda x: x.reshape(-1, *x.shape[2:])  # noqa: E731
-    observation, action, target = flat(log.observation), flat(log.action), flat(log.next_observation)
-    weight = flat(jnp.arange(log.observation.shape[1])[None, :] < log.count[:, None]).astype(jnp.float32)
+    valid = jnp.arange(log.observation.shape[1])[None, :] < log.count[:, None]
+    observation, action, target = (
+        flat(jnp.where(valid[..., None], x, 0.0)) for x in (log.observation, log.action, log.next_observation)
+    )
+    weight = flat(valid).astype(jnp.float32)
     change = target - observation
     total = jnp.sum(weight)
     mean = jnp.sum(change * weight[:, None], axis=0) / total

@@ -124,8 +124,7 @@ def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
             f"there is no policy set at {path}; `python -m experiments.pretrain` makes one"
         )
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = files.read_npz(path)
         about = json.loads(str(arrays.pop("about")))
         log_alpha, scale = arrays.pop("log_alpha"), arrays.pop("action_scale")
         nested = flax.traverse_util.unflatten_dict(

@@ -24,7 +24,7 @@ def hold_out(log: TargetLog, share: float) -> tuple[TargetLog, jax.Array]:
 
 
 def one_step_error(env: Env, pi_g: Transformer, log: TargetLog, rows: jax.Array) -> jax.Array:
-    """Root mean square error, `[]`, of the predicted s', in standard deviations of s' - s.
+    """Root mean square error, `[]`, of the predicted s', in standard deviations of s' - s; infinite where one diverges.
 
     Every row starts anew from its logged state, under the deterministic pi_g.
 
@@ -44,10 +44,14 @@ def one_step_error(env: Env, pi_g: Transformer, log: TargetLog, rows: jax.Array)
         return env.step(env.state_from_obs(observation), executed).info["next_obs"]
 
     predicted = jax.vmap(jax.vmap(predict))(log.observation, log.action)
-    weight = rows.astype(predicted.dtype)[..., None]
-    total = jnp.sum(weight)
+    total = jnp.sum(rows)
+
+    def average(values: jax.Array) -> jax.Array:
+        # Chosen, not multiplied by 0: padding may diverge.
+        return jnp.sum(jnp.where(rows[..., None], values, 0.0), axis=(0, 1)) / total
+
     change = log.next_observation - log.observation
-    mean = jnp.sum(change * weight, axis=(0, 1)) / total
-    variance = jnp.sum(weight * (change - mean[None, None]) ** 2, axis=(0, 1)) / total
-    squared = jnp.sum(weight * (predicted - log.next_observation) ** 2, axis=(0, 1)) / total
-    return jnp.sqrt(jnp.mean(squared / jnp.maximum(variance, 1e-12)))
+    variance = average((change - average(change)[None, None]) ** 2)
+    squared = average((predicted - log.next_observation) ** 2)
+    error = jnp.sqrt(jnp.mean(squared / jnp.maximum(variance, 1e-12)))
+    return jnp.where(jnp.isnan(error), jnp.inf, error)

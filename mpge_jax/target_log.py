@@ -161,8 +161,8 @@ def load(path: Path | str) -> TargetLog:
     if not path.is_file():
         raise FileNotFoundError(f"there is no target log at {path}")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            fields = {name: jnp.asarray(file[name]) for name in (*_ROW_FIELDS, "count")}
+        arrays = files.read_npz(path)
+        fields = {name: jnp.asarray(arrays[name]) for name in (*_ROW_FIELDS, "count")}
     except Exception as error:
         raise ValueError(
             f"{path} is damaged or is not a target log ({type(error).__name__}: {error})"

@@ -25,7 +25,9 @@ def env(name: str) -> envs.Env:
 
 
 @cache
-def policy_set(name: str = "InvertedPendulum", size: int = 3, seed: int = 0, log_std: float = -1.0) -> PolicySet:
+def policy_set(
+    name: str = "InvertedPendulum", size: int = 3, seed: int = 0, log_std: float = -1.0
+) -> PolicySet:
     """`size` untrained policies that differ widely, each with a spread of its own around `log_std`."""
     task = env(name)
     make = jax.jit(

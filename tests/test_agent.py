@@ -28,7 +28,12 @@ class Counting:
 
     def _state(self, steps, length, reward, terminated, truncated):
         obs = jnp.stack([steps, length])
-        info = {"terminated": terminated, "truncated": truncated, "next_obs": obs, "steps": steps.astype(jnp.int32)}
+        info = {
+            "terminated": terminated,
+            "truncated": truncated,
+            "next_obs": obs,
+            "steps": steps.astype(jnp.int32),
+        }
         return State({}, obs, reward, jnp.maximum(terminated, truncated), {}, info)
 
     def reset(self, key):
@@ -144,12 +149,13 @@ def test_evaluate_is_a_plain_loop_over_episodes(stochastic):
     found = jax.jit(lambda k: agent.evaluate(k, env, actor, small.SAC, 3, stochastic))(key)
     key_reset, key_act = jax.random.split(key)
     act = jax.jit(lambda obs, k: sac.act(actor, obs, k if stochastic else None, small.SAC))
-    states = [env.reset(k) for k in jax.random.split(key_reset, 3)]
+    step, reset = jax.jit(env.step), jax.jit(env.reset)
+    states = [reset(k) for k in jax.random.split(key_reset, 3)]
     total, over = np.zeros(3), np.zeros(3, bool)
     for key_now in jax.random.split(key_act, env.max_steps):
         actions = act(jnp.stack([state.obs for state in states]), key_now)
         for i in np.flatnonzero(~over):
-            states[i] = env.step(states[i], actions[i])
+            states[i] = step(states[i], actions[i])
             total[i] += float(states[i].reward)
             over[i] = bool(states[i].done)
         if over.all():
@@ -160,7 +166,9 @@ def test_evaluate_is_a_plain_loop_over_episodes(stochastic):
 
 def test_evaluate_counts_nothing_beyond_the_end_of_an_episode():
     actor = agent.sac.init(jax.random.key(0), 2, 1, [2.0], CONFIG.sac).actor
-    returns = jax.jit(lambda key: agent.evaluate(key, Counting(max_steps=10), actor, CONFIG.sac, 20))(jax.random.key(0))
+    returns = jax.jit(lambda key: agent.evaluate(key, Counting(max_steps=10), actor, CONFIG.sac, 20))(
+        jax.random.key(0)
+    )
     # 1 + 2 + 3, or up to 5; one more step would add NaN.
     assert set(np.asarray(returns)) == {6.0, 15.0}
 
@@ -172,7 +180,10 @@ def test_evaluate_counts_nothing_beyond_the_end_of_an_episode():
         ({"random_steps": 0}, "random_steps must be at least 1"),
         ({"buffer_capacity": 39}, "buffer_capacity of 39 does not hold the 40 transitions"),
         # 41 random steps are taken as 11 rounds of 4.
-        ({"buffer_capacity": 43, "random_steps": 41}, "buffer_capacity of 43 does not hold the 44 transitions"),
+        (
+            {"buffer_capacity": 43, "random_steps": 41},
+            "buffer_capacity of 43 does not hold the 44 transitions",
+        ),
     ],
 )
 def test_a_configuration_out_of_range_is_refused(change, message):

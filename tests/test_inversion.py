@@ -47,7 +47,9 @@ def test_the_skew_is_recovered_where_it_is_not_clipped(skew):
 def test_the_dead_motor_is_recovered_and_the_others_are_left_alone(broken):
     valid = np.asarray(broken.weight) > 0
     assert valid.sum() == 31 and len(valid) == 33
-    error = np.abs(np.asarray(broken.explained) - np.asarray(broken.action) * np.array([0, 1, 1, 1, 1, 1]))[valid]
+    error = np.abs(np.asarray(broken.explained) - np.asarray(broken.action) * np.array([0, 1, 1, 1, 1, 1]))[
+        valid
+    ]
     assert np.median(error) < 1e-3
     assert np.quantile(error, 0.9) < 2e-2
     assert np.asarray(broken.explained)[valid].min() >= -1.0
@@ -71,6 +73,28 @@ def test_rows_that_diverged_and_padding_teach_nothing(skew):
     env, truth = small.env("InvertedPendulum"), transform_error.truth_of(small.env("SkewedPendulum"))
     pi_g = regress(lost)
     assert float(transform_error.mean_error(pi_g, env, truth, skew.observation, skew.action)) < 0.15
+
+
+def test_what_padding_holds_does_not_matter(skew):
+    log = small.log()
+    valid = np.arange(log.observation.shape[1])[None] < np.asarray(log.count)[:, None]
+    fill = lambda x: jnp.where(valid[..., None], x, jnp.nan)  # noqa: E731
+    spoilt = log.replace(
+        observation=fill(log.observation),
+        action=fill(log.action),
+        next_observation=fill(log.next_observation),
+    )
+    found = jax.jit(lambda data: inversion.invert(small.env("InvertedPendulum"), data, CONFIG))(spoilt)
+    jax.tree.map(np.testing.assert_array_equal, found, skew)
+
+
+def test_logs_that_do_not_fit_are_named():
+    env, keys = small.env("InvertedPendulum"), jax.random.split(jax.random.key(0), 2)
+    with pytest.raises(ValueError, match="2 keys ask for as many target logs"):
+        mpge_jax.invert_ensemble(env, small.stacked(small.log()), CONFIG, keys)
+    broken = small.log().replace(observation=small.log().observation.at[0, 1].set(jnp.nan))
+    with pytest.raises(ValueError, match="observation of policy 0 is not finite in row 1"):
+        mpge_jax.invert_ensemble(env, small.stacked(small.log(), broken), CONFIG, keys)
 
 
 def test_an_ensemble_of_inversions_starts_from_different_networks():

@@ -114,7 +114,9 @@ def test_a_missing_set_says_how_to_make_one(tmp_path):
         policies.shipped("InvertedPendulum", "XY")
 
 
-@pytest.mark.parametrize("path", sorted(policies.shipped_path("x", "MS").parent.glob("*.npz")), ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "path", sorted(policies.shipped_path("x", "MS").parent.glob("*.npz")), ids=lambda p: p.stem
+)
 def test_every_shipped_set_loads_and_says_where_it_comes_from(path):
     task, kind = path.stem.rsplit("-", 1)
     loaded, about = policies.shipped(task, kind)
@@ -123,7 +125,9 @@ def test_every_shipped_set_loads_and_says_where_it_comes_from(path):
     env = small.env(task)
     loaded.check_fits(env, SACConfig())
     np.testing.assert_array_equal(loaded.actor.action_scale, np.tile(env.action_high, (5, 1)))
-    action = jax.vmap(lambda actor: sac.act(actor, jnp.zeros(env.observation_size), None, SACConfig()))(loaded.actor)
+    action = jax.vmap(lambda actor: sac.act(actor, jnp.zeros(env.observation_size), None, SACConfig()))(
+        loaded.actor
+    )
     assert np.all(np.abs(action) <= env.action_high[None])
     # Five policies, not one five times.
     kernels = np.asarray(loaded.actor.params["params"]["Dense_0"]["kernel"]).reshape(5, -1)

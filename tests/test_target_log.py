@@ -46,13 +46,17 @@ def test_a_budget_is_taken_to_the_step(stepped, budget, counts):
 
 
 def test_a_budget_below_one_step_a_policy_is_refused(stepped):
-    with pytest.raises(ValueError, match="budget of 2 target steps is smaller than the number of rollout policies, 3"):
+    with pytest.raises(
+        ValueError, match="budget of 2 target steps is smaller than the number of rollout policies, 3"
+    ):
         target_log.collect(jax.random.key(0), small.env("SkewedPendulum"), small.policy_set(), 2, small.SAC)
     assert stepped == []
 
 
 def test_policies_of_another_task_are_refused(stepped):
-    with pytest.raises(ValueError, match="take 4 observations and give 1 actions, BrokenCheetah has 17 and 6"):
+    with pytest.raises(
+        ValueError, match="take 4 observations and give 1 actions, BrokenCheetah has 17 and 6"
+    ):
         target_log.collect(jax.random.key(0), small.env("BrokenCheetah"), small.policy_set(), 30, small.SAC)
     assert stepped == []
 
@@ -167,15 +171,27 @@ def test_a_missing_file_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda log: log.replace(action=log.action.at[1, 3].set(jnp.nan)), "action of policy 1 is not finite in row 3"),
+        (
+            lambda log: log.replace(action=log.action.at[1, 3].set(jnp.nan)),
+            "action of policy 1 is not finite in row 3",
+        ),
         (
             lambda log: log.replace(next_observation=log.next_observation.at[0, 0, 2].set(jnp.inf)),
             "next_observation of policy 0 is not finite in row 0",
         ),
-        (lambda log: log.replace(count=log.count.at[2].set(0)), "every rollout policy needs at least one transition"),
-        (lambda log: jax.tree.map(lambda x: x[:0], log), "every rollout policy needs at least one transition"),
+        (
+            lambda log: log.replace(count=log.count.at[2].set(0)),
+            "every rollout policy needs at least one transition",
+        ),
+        (
+            lambda log: jax.tree.map(lambda x: x[:0], log),
+            "every rollout policy needs at least one transition",
+        ),
         (lambda log: log.replace(count=log.count + 1), "count says 15 rows, but there are 14"),
-        (lambda log: log.replace(action=log.action[..., 0]), r"action has shape \(3, 14\), SkewedPendulum needs"),
+        (
+            lambda log: log.replace(action=log.action[..., 0]),
+            r"action has shape \(3, 14\), SkewedPendulum needs",
+        ),
         (lambda log: log.replace(episode=log.episode[:2]), r"episode has shape \(2, 14\)"),
         (lambda log: jax.tree.map(lambda x: x[0], log), r"need shapes \[K\] and \[K, M, O\]"),
     ],

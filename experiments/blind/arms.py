@@ -13,7 +13,6 @@ ARMS = (
             ("drive",),
             back_emf=("drive",),
             joint_flexibility=("pivot",),
-            backlash=("pivot",),
             dead_actuator=(),
             sensor_delay=("pivot",),
         ),

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -126,8 +127,12 @@ def build_case(
         raise Unfit(f"no machine has a place for {wish.effects}")
     folder.mkdir(parents=True, exist_ok=True)
     xml = folder / "model.xml"
+    tries: Counter[str] = Counter()
     for _ in range(ATTEMPTS):
-        robot = min(fit, key=lambda r: (used.get(r.name, 0) + rng.uniform(0, 2.5), r.name))
+        robot = min(
+            fit, key=lambda r: (used.get(r.name, 0) + 2 * tries[r.name] + rng.uniform(0, 2.5), r.name)
+        )
+        tries[robot.name] += 1
         xml.write_text(robot.spec().to_xml())
         machine = draw_machine(robot, wish, xml, rng)
         try:

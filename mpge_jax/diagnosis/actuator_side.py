@@ -239,7 +239,10 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
     if not p.measured.any() or any(s.recording.ctrl is None for s in together):
         return None
     drive = np.array(
-        [np.nanquantile(np.abs(np.concatenate([s.recording.force[:, a] for s in together])), 0.98) for a in range(nominal.nu)]
+        [
+            np.nanquantile(np.abs(np.concatenate([s.recording.force[:, a] for s in together])), 0.98)
+            for a in range(nominal.nu)
+        ]
     )
     ctx = replace(p.ctx, model=nominal, drive=np.maximum(np.nan_to_num(drive), 1e-6))
     out = ActuatorSide(ctx=ctx)
@@ -256,7 +259,9 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
                     count = int(log.block.max()) + 1
         if not logs[False] or not logs[True]:
             continue
-        sigma, _ = column_noise([s.recording.time for s in together], [s.recording.force[:, a] for s in together])
+        sigma, _ = column_noise(
+            [s.recording.time for s in together], [s.recording.force[:, a] for s in together]
+        )
         sigma = max(sigma if np.isfinite(sigma) else 0.0, 1e-5 * float(ctx.drive[a]), 1e-9)
         data = _Data(logs[False], logs[True], sigma, dt)
         f = _search(nominal, ctx, place, data, ids)
@@ -274,11 +279,18 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
             less = Fitted(h, h.gather(ctx, parts), np.zeros(0))
             without = _residual(nominal, ctx, less, int(a), data.held, data) * sigma
             drop = 1.0 - rms[1] ** 2 / max(float(np.mean(without**2)), 1e-30)
-            entry = {"id": term.id, "at": place.name, "parameters": parameters(_View(ctx), f, term)}
+            entry = {"id": term.name, "at": place.name, "parameters": parameters(_View(ctx), f, term)}
             out.effects.append({**entry, "error_drop": number(drop), "rivals": []})
             values = {k: _value(v) for k, v in term.effect.report(ctx, place, theta).items()}
             out.table.append(
-                {"id": term.id, "at": place.name, "kind": "actuator", "parameters": values, "native": False}
+                {
+                    "id": term.name,
+                    "form": term.id,
+                    "at": place.name,
+                    "kind": "actuator",
+                    "parameters": values,
+                    "native": False,
+                }
             )
             from mpge_jax.diagnosis.words import quantity
 

@@ -61,7 +61,9 @@ def _simulated(prepared: Prepared, f: Fitted, w: Windows, rng: np.random.Generat
         velocity = None
         if np.isfinite(w.qvel[k, :n]).any():
             velocity = w.qvel[k, :n] - residual[k, :n, m.nv :]
-            velocity = velocity + np.where(np.isfinite(noise.qvel), noise.qvel, 0.0) * rng.standard_normal((n, m.nv))
+            velocity = velocity + np.where(np.isfinite(noise.qvel), noise.qvel, 0.0) * rng.standard_normal(
+                (n, m.nv)
+            )
         time = w.times[k, :n]
         grid = w.start[k] + time
         source = w.sources[w.source[k]]

@@ -11,19 +11,22 @@ from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 EXCLUSIVE = (
     ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "asymmetric_friction"),
     ("actuator_gain", "dead_actuator"),
+    ("actuator_bias", "actuator_bias:reclipped"),
     ("backlash", "joint_flexibility"),
 )
 """Effects of which a place has at most one."""
 
 
-def all_terms(ctx: Context, ids: Iterable[str] | None = None, sides: Iterable[str] | None = None) -> list[Term]:
+def all_terms(
+    ctx: Context, ids: Iterable[str] | None = None, sides: Iterable[str] | None = None
+) -> list[Term]:
     """Every effect at every place where it can act.
 
     Raises:
         InputError: an identifier is not in the registry.
     """
-    chosen = list(REGISTRY) if ids is None else list(ids)
-    unknown = [i for i in chosen if i not in REGISTRY]
+    chosen = list(REGISTRY) if ids is None else [r for i in ids for r in REGISTRY if r.partition(":")[0] == i]
+    unknown = [] if ids is None else [i for i in ids if i not in REGISTRY]
     if unknown:
         raise InputError(f"unknown effect '{unknown[0]}'; known are {', '.join(REGISTRY)}.")
     wanted = None if sides is None else set(sides)
@@ -47,6 +50,6 @@ def compatible(hypothesis: Hypothesis, term: Term) -> bool:
             continue
         if any(other.id in group and term.id in group for group in EXCLUSIVE):
             return False
-        if "dead_actuator" in (other.id, term.id) and "actuator" == term.place.kind:
+        if "dead_actuator" in (other.id, term.id) and term.place.kind == "actuator":
             return False
     return True

@@ -89,7 +89,9 @@ def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ..
         mass=base.mass,
         period=float(np.median(steps)),
         contacts=contact_geoms(model),
-        weight=max(weight, float(base.mass * np.median(np.abs(acceleration))) if len(acceleration) else 1.0, 1e-3),
+        weight=max(
+            weight, float(base.mass * np.median(np.abs(acceleration))) if len(acceleration) else 1.0, 1e-3
+        ),
         samples=samples,
     )
 
@@ -99,7 +101,7 @@ def _moment(model: mujoco.MjModel, actuator: int) -> Array:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     out = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(out, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+    mujoco.mju_sparse2dense(
+        out, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
     return out[actuator]
-
-

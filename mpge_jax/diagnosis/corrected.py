@@ -26,22 +26,28 @@ class CorrectedModel:
     machine: Machine
 
     @staticmethod
-    def build(model: str | Path | mujoco.MjSpec | mujoco.MjModel, effects: list[dict[str, Any]]) -> CorrectedModel:
+    def build(
+        model: str | Path | mujoco.MjSpec | mujoco.MjModel, effects: list[dict[str, Any]]
+    ) -> CorrectedModel:
         """Rebuild from the nominal model and the entries of `effects.json`.
 
         Raises:
             InputError: an effect or its place is unknown, or a parameter is missing.
         """
-        compiled = copy.copy(model) if isinstance(model, mujoco.MjModel) else compile_variable(load_spec(model))
+        compiled = (
+            copy.copy(model) if isinstance(model, mujoco.MjModel) else compile_variable(load_spec(model))
+        )
         ctx = nominal_context(compiled)
         parts: dict[Term, np.ndarray] = {}
         for entry in effects:
             try:
-                effect = REGISTRY[entry["id"]]
+                effect = REGISTRY[entry.get("form", entry["id"])]
                 place = find_place(ctx, effect, entry["at"])
                 parts[Term(effect.id, place)] = effect.from_report(ctx, place, entry["parameters"])
             except KeyError as error:
-                raise InputError(f"effects: {error} is unknown or missing in {entry.get('id', entry)}.") from None
+                raise InputError(
+                    f"effects: {error} is unknown or missing in {entry.get('id', entry)}."
+                ) from None
             except ValueError as error:
                 raise InputError(f"effects: {error}") from None
         h = Hypothesis.of(*parts)

@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis import resume
 from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.calibrate import floor
 from mpge_jax.diagnosis.candidates import all_terms
@@ -136,6 +137,7 @@ def diagnose(
     recordings: Sequence[Recording] | Sequence[str | Path] | str | Path,
     config: Config | None = None,
     columns: dict[str, object] | None = None,
+    progress: Path | None = None,
 ) -> Diagnosis:
     """Find the physics that a model lacks.
 
@@ -143,6 +145,7 @@ def diagnose(
         model: path of an MJCF file, or an MjSpec.
         recordings: files, folders, or `Recording`s in SI units.
         config: settings. columns: renaming and conversion of columns (the content of `--map`).
+        progress: file that keeps the state of the search, so that an interrupted one goes on; removed at the end.
 
     Raises:
         InputError: the input cannot be used; the message says what to do.
@@ -161,16 +164,20 @@ def diagnose(
         checked = load_recordings(recordings, plain, names, columns)  # type: ignore[arg-type]
     say(f"reading {len(checked)} recordings")
     prepared = prepare(spec, checked, config)
-    result = _diagnose(prepared, plain, say)
+    result = _diagnose(prepared, plain, say, progress)
+    if progress is not None:
+        progress.unlink(missing_ok=True)
     result.seconds = time.monotonic() - began
     return result
 
 
-def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress) -> Diagnosis:
+def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path | None) -> Diagnosis:
     c = p.config
     ids = [i for i, e in REGISTRY.items() if e.side == "actuator" and (c.effects is None or i in c.effects)]
     actuators = diagnose_actuators(p, plain, ids)
     s = _build_search(p, say)
+    if progress is not None:
+        resume.attach(s, p, progress)
     say(f"{len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows")
     f, last = search(s) if s.terms else (s.nominal(), [])
     f, whites = final_fit(s, f)
@@ -213,9 +220,7 @@ def _build_search(p: Prepared, say: _Progress) -> Search:
     terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
     terms = [t for t in terms if _visible(p, t)]
     limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
-    return Search(
-        p.sim, p.noise, train, held, terms, np.random.default_rng([c.seed, 1]), say, max_terms=limit
-    )  # fmt: skip
+    return Search(p.sim, p.noise, train, held, terms, c.seed, say, max_terms=limit)
 
 
 def _visible(p: Prepared, term: Term) -> bool:
@@ -245,7 +250,9 @@ def _left(
     s.log.append(f"left: loss {loss:.3f} +- {ratio_error:.3f}, floor {expected:.3f} +- {spread:.3f}")
     excess = loss - max(expected, 1.0)
     before, after = held.before.rms, held.after.rms
-    beyond = np.sqrt(max(after**2 - held.floor**2, 0.0)) / max(np.sqrt(max(before**2 - held.floor**2, 0.0)), 1e-12)
+    beyond = np.sqrt(max(after**2 - held.floor**2, 0.0)) / max(
+        np.sqrt(max(before**2 - held.floor**2, 0.0)), 1e-12
+    )
     beyond = min(float(beyond), 1.0) if best.fit.hypothesis.terms else 1.0
     significant = excess > EXCESS and excess > 3.0 * np.hypot(ratio_error, spread)
     if not significant or beyond < LEFT:

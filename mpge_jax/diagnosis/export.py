@@ -30,7 +30,7 @@ def corrected_xml(d: Diagnosis) -> str:
     spec, native = corrected_spec(d)
     spec.compile()
     text = spec.to_xml()
-    missing = [f"{t.id} at {t.place.name}" for t, ok in native.items() if not ok]
+    missing = [f"{t.name} at {t.place.name}" for t, ok in native.items() if not ok]
     if missing:
         listed = "; ".join(missing).replace("--", "- -")
         text = text.replace(">", f">\n  <!-- MuJoCo has no element for: {listed}. See effects.json. -->", 1)

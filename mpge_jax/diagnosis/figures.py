@@ -129,10 +129,14 @@ def draw(d: Diagnosis, folder: Path) -> dict[str, Path]:
     folder.mkdir(parents=True, exist_ok=True)
     marked = [(t.place.kind, t.place.index) for t in d.terms]
     if d.unexplained is not None:
-        joints = [d.prepared.names.joints.index(a) for a in d.unexplained["at"] if a in d.prepared.names.joints]
+        joints = [
+            d.prepared.names.joints.index(a) for a in d.unexplained["at"] if a in d.prepared.names.joints
+        ]
         marked += [("joint", j) for j in joints]
     return {
-        "robot": robot(d.prepared.model, d.prepared.held_sources[0].states.qpos, marked, folder / "robot.png"),
+        "robot": robot(
+            d.prepared.model, d.prepared.held_sources[0].states.qpos, marked, folder / "robot.png"
+        ),
         "prediction": prediction(d, folder / "prediction.png"),
         "errors": errors_by_joint(d, folder / "errors.png"),
         "residuals": residual_map(d, folder / "residuals.png"),

@@ -88,7 +88,12 @@ def evaluate(sim: Simulator, fits: list[Fitted], w: Windows, white: Whitener) ->
 
 
 def fit(
-    sim: Simulator, starts: list[Fitted], w: Windows, white: Whitener, iterations: int = 8, tolerance: float = 1e-3
+    sim: Simulator,
+    starts: list[Fitted],
+    w: Windows,
+    white: Whitener,
+    iterations: int = 8,
+    tolerance: float = 1e-3,
 ) -> list[Fitted]:
     """Fit every start; returns them in order, with losses, information and covariances on `w`."""
     ctx = sim.ctx
@@ -151,7 +156,9 @@ def _proposals(p: _Problem, w: Windows) -> list[Array]:
                 break
             a = h[np.ix_(index, index)] + damping * np.diag(diagonal[index])
             scale = 1.0 / np.sqrt(np.diag(a))
-            solution = np.linalg.lstsq(a * scale[:, None] * scale[None, :], g[index] * scale, rcond=1e-12)[0] * scale
+            solution = (
+                np.linalg.lstsq(a * scale[:, None] * scale[None, :], g[index] * scale, rcond=1e-12)[0] * scale
+            )
             trial = p.fit.theta.copy()
             trial[index] -= solution
             clipped = np.clip(trial, low, high)

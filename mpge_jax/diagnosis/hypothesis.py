@@ -22,11 +22,16 @@ class Term:
     def effect(self) -> Effect:
         return REGISTRY[self.id]
 
+    @property
+    def name(self) -> str:
+        """The identifier of the vocabulary, without the form."""
+        return self.id.partition(":")[0]
+
     def params(self, ctx: Context) -> tuple[Param, ...]:
         return self.effect.params(ctx, self.place)
 
     def __str__(self) -> str:
-        return f"{self.id}@{self.place.name}"
+        return f"{self.name}@{self.place.name}"
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,9 @@ class Hypothesis:
 
     @staticmethod
     def of(*terms: Term) -> Hypothesis:
-        return Hypothesis(tuple(sorted(terms, key=lambda t: (t.effect.order, t.id, t.place.kind, t.place.index))))
+        return Hypothesis(
+            tuple(sorted(terms, key=lambda t: (t.effect.order, t.id, t.place.kind, t.place.index)))
+        )
 
     def params(self, ctx: Context) -> list[Param]:
         return [p for t in self.terms for p in t.params(ctx)]

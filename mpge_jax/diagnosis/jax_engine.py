@@ -64,7 +64,9 @@ class CorrectedEngine:
     def step(self, data: CorrectedData, ctrl: jax.Array, count: int) -> CorrectedData:
         """`count` physics steps under `ctrl [nu]` held constant."""
         fresh_commands = stepping.command_start(jnp, self.machine, ctrl, self._dt)
-        commands = jax.tree.map(lambda new, old: jnp.where(data.started, old, new), fresh_commands, data.commands)
+        commands = jax.tree.map(
+            lambda new, old: jnp.where(data.started, old, new), fresh_commands, data.commands
+        )
         reached, _ = stepping.command_step(jnp, self.machine, ctrl, commands, self._dt)
         fresh_forces = stepping.force_start(jnp, self.machine, self._observe(data.inner, reached))
         forces = jax.tree.map(lambda new, old: jnp.where(data.started, old, new), fresh_forces, data.forces)
@@ -100,7 +102,9 @@ class CorrectedEngine:
             jnp, self.machine, data.qpos, data.qvel, ctrl, body_velocity, data.actuator_force, self._dt
         )
 
-    def _wrap(self, data: Any, commands: Any, forces: Any, past: jax.Array, started: jax.Array) -> CorrectedData:
+    def _wrap(
+        self, data: Any, commands: Any, forces: Any, past: jax.Array, started: jax.Array
+    ) -> CorrectedData:
         measured = data.qpos
         for term, theta in self.machine.sensed:
             column = self.machine.ctx.qadr(term.place)
@@ -110,6 +114,8 @@ class CorrectedEngine:
             part = steps - whole
             value = past[0, column]
             if steps > 0:
-                value = (1 - part) * past[whole, column] + part * past[min(whole + 1, self._history - 1), column]
+                value = (1 - part) * past[whole, column] + part * past[
+                    min(whole + 1, self._history - 1), column
+                ]
             measured = measured.at[column].set(value + float(offset))
         return CorrectedData(data, measured, data.qvel, data.time, commands, forces, past, started)

@@ -22,7 +22,17 @@ import yaml
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.model import Names
 
-_SCALES = {"rad": 1.0, "deg": np.pi / 180, "m": 1.0, "mm": 1e-3, "s": 1.0, "ms": 1e-3, "us": 1e-6, "N": 1.0, "N m": 1.0}
+_SCALES = {
+    "rad": 1.0,
+    "deg": np.pi / 180,
+    "m": 1.0,
+    "mm": 1e-3,
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "N": 1.0,
+    "N m": 1.0,
+}
 
 
 def load(path: Path) -> dict[str, Any]:
@@ -76,7 +86,9 @@ def apply(
         if not isinstance(entry, dict) or "from" not in entry:
             raise InputError(f"map: '{target}' needs 'from' (what the file calls it).")
         if entry["from"] not in raw:
-            raise InputError(f"{path.name}: the map's '{entry['from']}' is not in the file (it has {', '.join(raw)}).")
+            raise InputError(
+                f"{path.name}: the map's '{entry['from']}' is not in the file (it has {', '.join(raw)})."
+            )
         value = np.asarray(raw[entry["from"]], dtype=float)
         if value.ndim == 2:
             column = entry.get("column", 0)

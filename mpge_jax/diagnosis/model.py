@@ -51,41 +51,50 @@ def load_spec(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
         InputError: the file is missing, malformed, or refers to files outside of its folder.
     """
     if isinstance(source, mujoco.MjSpec):
-        return source.copy()
+        spec = source.copy()
+        _replace_total_mass(spec)
+        return spec
     path = Path(source)
     if not path.is_file():
         raise InputError(f"the model file {path} does not exist; give the path of an MJCF or URDF file.")
     _check_includes(path.resolve(), path.resolve().parent, set())
     try:
-        return mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
+        _replace_total_mass(spec)
+        return spec
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"MuJoCo cannot load {path.name}: {' '.join(str(error).split())}") from None
 
 
-def _scale_to_total_mass(spec: mujoco.MjSpec) -> float:
-    """Remove the deprecated `settotalmass`; return the factor that the masses need instead."""
+def _replace_total_mass(spec: mujoco.MjSpec) -> None:
+    """Write the masses that the deprecated `settotalmass` would give into the bodies, and remove it."""
     total = float(spec.compiler.settotalmass)
     if total <= 0:
-        return 1.0
+        return
     spec.compiler.settotalmass = -1
     plain = spec.compile()
-    return total / float(plain.body_mass.sum())
+    factor = total / float(plain.body_mass.sum())
+    for body in spec.bodies[1:]:
+        i = body.id
+        if plain.body_mass[i] > 0:
+            body.explicitinertial = True
+            body.mass = float(plain.body_mass[i]) * factor
+            body.ipos, body.iquat = plain.body_ipos[i], plain.body_iquat[i]
+            body.inertia = plain.body_inertia[i] * factor
+            body.fullinertia = np.full(6, np.nan)
+    spec.compiler.inertiafromgeom = int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE)
 
 
 def compile_variable(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Compile with the constant-inertia shortcuts off, so that masses and frames may vary per simulation."""
     spec = spec.copy()
-    factor = _scale_to_total_mass(spec)
+    _replace_total_mass(spec)
     for body in spec.bodies[1:]:
         body.simple = False
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"MuJoCo cannot compile the model: {' '.join(str(error).split())}") from None
-    if factor != 1.0:
-        model.body_mass[:] *= factor
-        model.body_inertia[:] *= factor
-        mujoco.mj_setConst(model, mujoco.MjData(model))
     if model.nv == 0:
         raise InputError("the model has no joint, so there is nothing to diagnose.")
     return model

@@ -40,12 +40,24 @@ def proposals(low: Array, high: Array, time: Array, rng: np.random.Generator) ->
     for size in (0.3, 1.0):
         sweep = 0.2 + 4.0 * time / time[-1]
         chirp = np.sin(2 * np.pi * np.cumsum(sweep)[:, None] * (time[1] - time[0]) + phase)
-        out.append((f"a chirp from 0.2 to 4 Hz at {100 * size:.0f} % of the command range", middle + size * half * chirp))
+        out.append(
+            (
+                f"a chirp from 0.2 to 4 Hz at {100 * size:.0f} % of the command range",
+                middle + size * half * chirp,
+            )
+        )
         levels = rng.uniform(-1, 1, (64, nu))
         steps = levels[np.minimum((time / 0.3).astype(int), 63)]
-        out.append((f"random steps of 0.3 s at {100 * size:.0f} % of the command range", middle + size * half * steps))
+        out.append(
+            (
+                f"random steps of 0.3 s at {100 * size:.0f} % of the command range",
+                middle + size * half * steps,
+            )
+        )
         slow = np.sin(2 * np.pi * 0.33 * time[:, None] + phase)
-        out.append((f"slow reversals at {100 * size:.0f} % of the command range", middle + size * half * slow))
+        out.append(
+            (f"slow reversals at {100 * size:.0f} % of the command range", middle + size * half * slow)
+        )
     burst = np.where((time[:, None] % 1.5) < 0.4, 1.0, 0.0) * np.sign(np.sin(phase))
     out.append(("short pushes followed by coasting with the command at rest", middle + half * burst))
     return out
@@ -101,5 +113,3 @@ def _window(d: Diagnosis, q0: Array, v0: Array, command: Array, dt: float) -> Wi
         np.zeros((1, m.nv, 2, 2)), np.zeros((1, m.na)), padded, grid[None], np.ones((1, n), bool),
         np.tile(q0, (1, n, 1)), np.full((1, n, m.nv), np.nan),
     )  # fmt: skip
-
-

@@ -65,7 +65,7 @@ def parameters(d: Diagnosis, f: Fitted, term: Term) -> dict[str, Any]:
 
 
 def _effect(d: Diagnosis, f: Fitted, term: Term) -> dict[str, Any]:
-    return {"id": term.id, "at": term.place.name, "parameters": parameters(d, f, term)}
+    return {"id": term.name, "at": term.place.name, "parameters": parameters(d, f, term)}
 
 
 def _set(d: Diagnosis, f: Fitted) -> list[dict[str, Any]]:
@@ -93,14 +93,16 @@ def diagnosis_table(d: Diagnosis) -> dict[str, Any]:
             continue
         rivals = [
             {
-                "id": r.term.id,
+                "id": r.term.name,
                 "at": r.term.place.name,
                 "held_out": number(r.margin),
                 "why_not": r.why_not,
             }
             for r in d.rivals.get(term, [])[:5]
         ]
-        effects.append({**_effect(d, d.fit, term), "error_drop": number(d.error_drop[term]), "rivals": rivals})
+        effects.append(
+            {**_effect(d, d.fit, term), "error_drop": number(d.error_drop[term]), "rivals": rivals}
+        )
     extra = d.actuators.effects if d.actuators is not None else []
     verdict = d.verdict
     return {
@@ -180,7 +182,8 @@ def effects_table(d: Diagnosis) -> dict[str, Any]:
         values = term.effect.report(d.ctx, term.place, d.fit.theta[part])
         rows.append(
             {
-                "id": term.id,
+                "id": term.name,
+                "form": term.id,
                 "at": term.place.name,
                 "kind": term.place.kind,
                 "parameters": {k: _exact(v) for k, v in values.items()},

@@ -44,13 +44,11 @@ class Prepared:
 
     def windows(self, held: bool, duration: float, limit: int, seed: int = 0) -> Windows:
         sources = self.held_sources if held else self.train_sources
-        longest = max(_longest(s.recording) for s in sources)
+        lengths = [s.recording.duration for s in self.train_sources + self.held_sources]
+        # logs of short episodes: most of them must hold a window
+        duration = min(duration, max(float(np.quantile(lengths, 0.3)), float(np.median(lengths)) / 2))
         rng = np.random.default_rng([self.config.seed, int(held), seed])
-        return cut(sources, self.model, self.noise, min(duration, longest), limit, self.dt, rng)
-
-
-def _longest(r: Recording) -> float:
-    return float(r.time[-1] - r.time[0])
+        return cut(sources, self.model, self.noise, duration, limit, self.dt, rng)
 
 
 def measured_forces(recordings: list[Recording], model: mujoco.MjModel) -> np.ndarray:
@@ -90,7 +88,9 @@ def _thin(recordings: list[Recording], warnings: list[str]) -> list[Recording]:
     total = sum(r.time.size for r in recordings)
     if total <= MAX_ROWS:
         return recordings
-    warnings.append(f"{total} rows are more than needed; evenly spread stretches of {MAX_ROWS} rows are used.")
+    warnings.append(
+        f"{total} rows are more than needed; evenly spread stretches of {MAX_ROWS} rows are used."
+    )
     out = []
     for r in recordings:
         budget = max(int(MAX_ROWS * r.time.size / total), 50)
@@ -126,9 +126,7 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     together = train + held
     noise, states, notes = estimate(together, model, names)
     warnings += notes
-    sources = tuple(
-        Source.build(r, s, _command(r, measured)) for r, s in zip(together, states, strict=True)
-    )
+    sources = tuple(Source.build(r, s, _command(r, measured)) for r, s in zip(together, states, strict=True))
     train_sources, held_sources = sources[: len(train)], sources[len(train) :]
     ctx = build_context(model, names, train_sources)
     dt = choose_dt(together, float(plain.opt.timestep))

@@ -130,7 +130,9 @@ def find_files(paths: Iterable[str | Path]) -> list[Path]:
     files: list[Path] = []
     for entry in map(Path, paths):
         if entry.is_dir():
-            inside = sorted(p for p in entry.iterdir() if p.suffix.lower() in (".npz", ".csv") and p.is_file())
+            inside = sorted(
+                p for p in entry.iterdir() if p.suffix.lower() in (".npz", ".csv") and p.is_file()
+            )
             if not inside:
                 raise InputError(f"the folder {entry} holds no .npz or .csv file.")
             files += [p for p in inside if p.name != "next_experiment.npz"]

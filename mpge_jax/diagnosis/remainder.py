@@ -57,7 +57,11 @@ def describe(p: Prepared, s: Search, best: Scored, ratio: Array, share: float) -
     top = np.argsort(-best.train)[: min(8, w.count)]
     length = w.times.max(1)
     intervals = [
-        [w.sources[w.source[k]].recording.name, round(float(w.start[k]), 4), round(float(w.start[k] + length[k]), 4)]
+        [
+            w.sources[w.source[k]].recording.name,
+            round(float(w.start[k]), 4),
+            round(float(w.start[k] + length[k]), 4),
+        ]
         for k in sorted(top, key=lambda k: (w.source[k], w.start[k]))
     ]
     return {"at": at, "when": when, "intervals": intervals, "share": float(min(share, 1.0))}

@@ -45,7 +45,9 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 def _interval(entry: dict[str, Any]) -> str:
     low, high = entry["low"], entry["high"]
     if isinstance(low, list):
-        pairs = [f"{a:.3g} to {b:.3g}" for a, b in zip(low, high, strict=True) if a is not None and b is not None]
+        pairs = [
+            f"{a:.3g} to {b:.3g}" for a, b in zip(low, high, strict=True) if a is not None and b is not None
+        ]
         return escape("; ".join(pairs))
     return "not determined" if low is None or high is None else escape(f"{low:.4g} to {high:.4g}")
 
@@ -59,7 +61,9 @@ def _effects(table: dict[str, Any]) -> str:
         for i, (name, entry) in enumerate(parameters.items()):
             first = [escape(e["id"].replace("_", " ")), escape(e["at"])] if i == 0 else ["", ""]
             value = escape(quantity(entry)) if name else ""
-            rows.append([*first, escape(name), value, _interval(entry) if name else "", share if i == 0 else ""])
+            rows.append(
+                [*first, escape(name), value, _interval(entry) if name else "", share if i == 0 else ""]
+            )
     if not rows:
         return ""
     head = ["effect", "at", "parameter", "value", "95 % interval", "share of held-out error"]
@@ -77,7 +81,11 @@ def _rivals(table: dict[str, Any]) -> str:
                     escape(r["why_not"]),
                 ]
             )
-    return "<h2>What else it could have been</h2>" + _table(["chosen", "instead", "why not"], rows) if rows else ""
+    return (
+        "<h2>What else it could have been</h2>" + _table(["chosen", "instead", "why not"], rows)
+        if rows
+        else ""
+    )
 
 
 def _ambiguous(table: dict[str, Any]) -> str:
@@ -114,13 +122,17 @@ def _unexplained(table: dict[str, Any]) -> str:
 
 def _next(d: Diagnosis) -> str:
     items = [
-        f"<li>{escape(t.effect.id.replace('_', ' '))} at {escape(t.place.name)}: {escape(t.effect.remedy)}.</li>"
+        f"<li>{escape(t.name.replace('_', ' '))} at {escape(t.place.name)}: {escape(t.effect.remedy)}.</li>"
         for t in d.terms
         if t.effect.remedy
     ]
     if not items:
         return ""
-    return "<h2>What to record next</h2><p>To confirm and sharpen what was found:</p><ul>" + "".join(items) + "</ul>"
+    return (
+        "<h2>What to record next</h2><p>To confirm and sharpen what was found:</p><ul>"
+        + "".join(items)
+        + "</ul>"
+    )
 
 
 def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:

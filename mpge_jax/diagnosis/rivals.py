@@ -10,6 +10,7 @@ from mpge_jax.diagnosis.whiten import Whitener
 
 SPECIAL_CASES = {
     "coulomb_friction": ("stribeck_friction", "load_dependent_friction", "asymmetric_friction"),
+    "actuator_bias": ("actuator_bias:reclipped",),
     "viscous_damping": ("asymmetric_friction",),
     "dead_actuator": ("actuator_gain", "torque_saturation", "actuator_deadzone"),
 }
@@ -42,7 +43,7 @@ def find_rivals(
         rivals = []
         for r in s.score(fits, whites):
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
-            if other is not None and other != term:
+            if other is not None and (other.name, other.place) != (term.name, term.place):
                 rivals.append(_compare(s, best, term, r, other))
         out[term] = sorted(rivals, key=lambda r: r.margin)
     return out
@@ -52,9 +53,11 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
     d = rival.losses - best.losses
     margin, error = float(d.mean()), standard_error(d)
     if margin > max(2.0 * error, TIE):
-        return Rival(other, rival.fit, margin, error, f"its prediction error is {margin / error:.0f} deviations larger")
+        return Rival(
+            other, rival.fit, margin, error, f"its prediction error is {margin / error:.0f} deviations larger"
+        )
     if other.place == term.place and other.id in SPECIAL_CASES.get(term.id, ()):
-        why = f"it contains {term.id.replace('_', ' ')} as a special case and gains nothing by its further parameters"
+        why = f"it contains {term.name.replace('_', ' ')} as a special case and gains nothing by its further parameters"
         return Rival(other, rival.fit, margin, error, why)
     if other.effect.tier > term.effect.tier:
         why = "it fits as well, but is the less direct explanation"

@@ -24,7 +24,9 @@ def _points(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[Array, Arr
             anchor = data.xanchor[model.body_jntadr[b]]
         parent = int(model.body_parentid[b])
         if parent:
-            start = data.xanchor[model.body_jntadr[parent]] if model.body_jntnum[parent] else data.xpos[parent]
+            start = (
+                data.xanchor[model.body_jntadr[parent]] if model.body_jntnum[parent] else data.xpos[parent]
+            )
             out.append((start, anchor))
         first, count = int(model.body_geomadr[b]), int(model.body_geomnum[b])
         for g in range(first, first + count) if count else ():

@@ -68,7 +68,8 @@ class Search:
     """Everything that the selection needs.
 
     Attributes:
-        train, held: windows. terms: candidates. say: progress callback.
+        train, held: windows. terms: candidates. say: progress callback. keep: called with every accepted fit,
+        so that an interrupted search can go on. resume: where to go on.
     """
 
     sim: Simulator
@@ -76,11 +77,13 @@ class Search:
     train: Windows
     held: Windows
     terms: list[Term]
-    rng: np.random.Generator
+    seed: int = 0
     say: Callable[[str], None] = lambda _text: None
     max_terms: int = 6
     whites: tuple[Whitener, Whitener] | None = None
     log: list[str] = field(default_factory=list)
+    keep: Callable[[Fitted], None] = lambda _fit: None
+    resume: Fitted | None = None
 
     def nominal(self) -> Fitted:
         return Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
@@ -105,7 +108,9 @@ class Search:
     def screened(self, base: Fitted, white: Whitener, terms: list[Term]) -> tuple[list[Fitted], float]:
         """Quick fits on a sample of the training windows, and the base's loss there."""
         count = self.train.count
-        index = np.sort(self.rng.permutation(count)[: min(SCREEN_WINDOWS, count)])
+        # by depth, so that a resumed search draws the same windows
+        rng = np.random.default_rng([self.seed, len(base.hypothesis.terms)])
+        index = np.sort(rng.permutation(count)[: min(SCREEN_WINDOWS, count)])
         w, white = self.train.take(index), white.take(index)
         return screen(self.sim, base, terms, w, white), evaluate(self.sim, [base], w, white)[0].loss
 
@@ -115,8 +120,12 @@ class Search:
         Returns the scored candidates, best first by plain loss, and the base scored in the same way.
         """
         whites = self.whiten(base)
-        screened, before = self.screened(base, whites[0], [t for t in terms if compatible(base.hypothesis, t)])
-        if base.hypothesis.terms and (not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)):
+        screened, before = self.screened(
+            base, whites[0], [t for t in terms if compatible(base.hypothesis, t)]
+        )
+        if base.hypothesis.terms and (
+            not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)
+        ):
             self.whites = whites
             return [], self.score([base], whites)[0]
         fits = fit(self.sim, _with_simpler(screened, keep), self.train, whites[0], iterations=4)
@@ -140,12 +149,12 @@ class Search:
         tied = [s for s in ranked if not clearly_worse(s, best)]
         return min(tied, key=lambda s: (*s.complexity, s.losses.mean()))
 
-    def accept(self, new: Scored, old: Scored) -> bool:
+    def accept(self, new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
         """Whether the new terms improve held-out windows beyond doubt, and their parameters differ from null."""
         gain = old.held - new.held
         se = standard_error(gain)
         total = old.losses - new.losses
-        enough = gain.mean() > SIGNIFICANT * se and total.mean() > SIGNIFICANT * standard_error(total)
+        enough = gain.mean() > doubt * se and total.mean() > doubt * standard_error(total)
         relevant = total.mean() > 0.05 * min(1.0, old.losses.mean())
         return bool(enough and relevant and self.named(new.fit, old.fit.hypothesis))
 
@@ -175,7 +184,9 @@ def _with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
     plain = ("coulomb_friction", "viscous_damping")
     places = {t.place for f in top for t in f.hypothesis.terms if t.id in elaborate}
     for f in screened[keep:]:
-        if f.hypothesis not in chosen and any(t.id in plain and t.place in places for t in f.hypothesis.terms):
+        if f.hypothesis not in chosen and any(
+            t.id in plain and t.place in places for t in f.hypothesis.terms
+        ):
             top.append(f)
     return top
 
@@ -193,7 +204,7 @@ def clearly_worse(a: Scored, best: Scored) -> bool:
 
 def search(s: Search) -> tuple[Fitted, list[Scored]]:
     """Forward selection with a small beam in the first two rounds; returns the fit and the last round's field."""
-    current = s.nominal()
+    current = s.resume or s.nominal()
     last: list[Scored] = []
     first_round: list[Scored] = []
     while len(current.hypothesis.terms) < s.max_terms:
@@ -218,8 +229,10 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
             alternatives = _beam(ranked, chosen)
             if chosen.losses.mean() > FAR and len(alternatives) > 1:
                 current, last = _second_round(s, chosen, alternatives)
+                s.keep(current)
                 continue
         current = chosen.fit
+        s.keep(current)
     return prune(s, current), last or first_round
 
 
@@ -286,7 +299,8 @@ def prune(s: Search, current: Fitted) -> Fitted:
         smaller = fit(s.sim, smaller, s.train, whites[0], iterations=4)
         scored = s.score([*smaller, current], whites)
         weakest = min(scored[:-1], key=lambda r: r.losses.mean())
-        if s.accept(scored[-1], weakest):
+        # what was once accepted needs less to stay
+        if s.accept(scored[-1], weakest, doubt=0.6 * SIGNIFICANT):
             return current
         s.log.append(f"removed: {current.hypothesis} -> {weakest.fit.hypothesis}")
         current = weakest.fit

@@ -84,9 +84,7 @@ class _Group:
 
 @dataclass
 class Simulator:
-    """Predicts windows. `steps` counts simulated steps.
-
-    """
+    """Predicts windows. `steps` counts simulated steps."""
 
     model: mujoco.MjModel
     ctx: Context
@@ -196,7 +194,8 @@ class Simulator:
             u = g.term.effect.timeline(self.ctx, g.term.place, g.theta, u, w.dt)
             done.update(zip(g.rows.tolist(), u, strict=True))
         return {
-            a: (np.array(list(rows)), np.array(list(rows.values()))[:, w.history :]) for a, rows in out.items()
+            a: (np.array(list(rows)), np.array(list(rows.values()))[:, w.history :])
+            for a, rows in out.items()
         }
 
     def _roll(
@@ -241,25 +240,25 @@ class Simulator:
         m, n = self.model, window.size
         times = w.times[window]
         pq, pv = _sample(m, q, v, times, w.dt)
+        early: list[tuple[int, Array, Array]] = []
         for dof in np.flatnonzero((delay != 0).any(0)):
             column = int(m.jnt_qposadr[m.dof_jntid[dof]])
             rows = np.flatnonzero(delay[:, dof] != 0)
             t = times[rows] - delay[rows, dof, None]
             sq, sv = _sample(m, q[:, rows], v[:, rows], np.maximum(t, 0.0), w.dt)
             pq[rows, :, column], pv[rows, :, dof] = sq[..., column], sv[..., dof]
-            early = t < 0
-            for s in np.unique(w.source[window[rows]]):
-                mine = w.source[window[rows]] == s
-                at = w.start[window[rows[mine]], None] + times[rows[mine]]
-                eq, ev = w.sources[s].state_at(at.reshape(-1), column, dof)
-                mask = early[mine]
-                block_q, block_v = pq[rows[mine], :, column], pv[rows[mine], :, dof]
-                block_q[mask], block_v[mask] = eq.reshape(at.shape)[mask], ev.reshape(at.shape)[mask]
-                pq[rows[mine], :, column], pv[rows[mine], :, dof] = block_q, block_v
+            early.append((int(dof), rows, t < 0))
         out = np.empty((n, times.shape[1], 2 * m.nv))
         out[..., : m.nv] = difference(m, pq, w.qpos[window]) - offset[:, None, :]
         out[..., m.nv :] = w.qvel[window] - pv
         out[~w.seen[window]] = np.nan
+        for dof, rows, before in early:
+            # what a delayed sensor shows first lies before the window; the later samples count for those too
+            later = w.seen[window[rows]] & ~before
+            weight = np.sqrt(w.seen[window[rows]].sum(1) / np.maximum(later.sum(1), 1))
+            for k in (dof, m.nv + dof):
+                value = np.where(before, 0.0, out[rows, :, k] * weight[:, None])
+                out[rows, :, k] = np.where(np.isfinite(out[rows, :, k]), value, np.nan)
         return out
 
 
@@ -275,7 +274,9 @@ class _Runtime:
         if any("dof_frictionloss" in g.term.effect.fields for g in groups):
             self.dry = batch.expand("dof_frictionloss")
             self.dry_base = self.dry.copy()
-        self.bodies = any(g.term.effect.id == "quadratic_drag" and g.term.place.kind == "body" for g in groups)
+        self.bodies = any(
+            g.term.effect.id == "quadratic_drag" and g.term.place.kind == "body" for g in groups
+        )
         if self.bodies or any(g.term.place.kind == "body" for g in groups):
             self.cvel, self.xipos, self.com = (batch.bind(k) for k in ("cvel", "xipos", "subtree_com"))
             self.bodies = True
@@ -308,13 +309,21 @@ class _Runtime:
         high = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 1], np.inf)
         length, speed = self.gear * q[:, self.qadr], self.gear * v[:, self.dadr]
         bias = np.where(self.affine_rows[..., None], self.bias, 0.0)
-        free = self.gain[..., 0] * np.clip(u, low, high) + bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
+        free = (
+            self.gain[..., 0] * np.clip(u, low, high)
+            + bias[..., 0]
+            + bias[..., 1] * length
+            + bias[..., 2] * speed
+        )
         f = np.clip(free, self.range[..., 0], self.range[..., 1])
         if self.last_force is not None:
             free = np.where(self.formula, free, self.last_force)
             f = np.where(self.formula, f, self.last_force)
         shape = f.shape
-        wide = [np.broadcast_to(x, shape) for x in (self.range[..., 0], self.range[..., 1], bias[..., 1], bias[..., 2])]
+        wide = [
+            np.broadcast_to(x, shape)
+            for x in (self.range[..., 0], self.range[..., 1], bias[..., 1], bias[..., 2])
+        ]
         return Step(q, v, u, f, free, *wide, self._body_velocity, self.dt)
 
     def _body_velocity(self, body: int) -> Array:
@@ -356,7 +365,10 @@ class _Runtime:
 
 def _rows(s: Step, rows: Array) -> Step:
     return Step(
-        *(x[rows] for x in (s.q, s.v, s.u, s.f, s.f_free, s.force_low, s.force_high, s.f_position, s.f_velocity)),
+        *(
+            x[rows]
+            for x in (s.q, s.v, s.u, s.f, s.f_free, s.force_low, s.force_high, s.f_position, s.f_velocity)
+        ),
         lambda body: s.body_velocity(body)[rows],
         s.dt,
     )

@@ -44,5 +44,7 @@ def split(
         raise InputError(f"{single.name} has only {single.time.size} rows; record more, or more recordings.")
     row = int(np.searchsorted(single.time, single.time[0] + single.duration * 2 / 3))
     row = min(max(row, 2), single.time.size - 3)
-    warnings.append("only one recording: its last third is held out, so the test is weaker than on another run.")
+    warnings.append(
+        "only one recording: its last third is held out, so the test is weaker than on another run."
+    )
     return [_part(single, slice(0, row + 1), "_first")], [_part(single, slice(row, None), "_last")], warnings

@@ -68,7 +68,9 @@ def estimate(
     warnings: list[str] = []
     qpos_noise, quanta = np.full(model.nq, np.nan), np.zeros(model.nq)
     for c in range(model.nq):
-        qpos_noise[c], quanta[c] = column_noise([r.time for r in recordings], [r.qpos[:, c] for r in recordings])
+        qpos_noise[c], quanta[c] = column_noise(
+            [r.time for r in recordings], [r.qpos[:, c] for r in recordings]
+        )
     qvel_noise = np.full(model.nv, np.inf)
     with_velocity = [r for r in recordings if r.qvel is not None]
     for d in range(model.nv):
@@ -193,7 +195,9 @@ def _rotations(recording: Recording, states: States, model: mujoco.MjModel, nois
             continue
         if recording.time.size < 4:
             continue
-        parts = smooth([Series(recording.time, quat[:, k], None, float(noise.qpos[q]), 1.0) for k in range(4)])
+        parts = smooth(
+            [Series(recording.time, quat[:, k], None, float(noise.qpos[q]), 1.0) for k in range(4)]
+        )
         mean = np.stack([p.mean[:, 0] for p in parts], 1)
         mean /= np.linalg.norm(mean, axis=1, keepdims=True)
         rate = np.stack([p.mean[:, 1] for p in parts], 1)

@@ -80,7 +80,9 @@ def command_start(xp: Any, m: Machine, ctrl: Array, dt: float) -> tuple[Any, ...
     return tuple(t.effect.command_memory(xp, m.ctx, t.place, ctrl[t.place.index], dt) for t, _ in m.commanded)
 
 
-def command_step(xp: Any, m: Machine, ctrl: Array, memory: tuple[Any, ...], dt: float) -> tuple[Array, tuple[Any, ...]]:
+def command_step(
+    xp: Any, m: Machine, ctrl: Array, memory: tuple[Any, ...], dt: float
+) -> tuple[Array, tuple[Any, ...]]:
     """Commands [nu] that reach the actuators in this step."""
     out = [ctrl[a] for a in range(m.model.nu)]
     kept = []
@@ -91,7 +93,9 @@ def command_step(xp: Any, m: Machine, ctrl: Array, memory: tuple[Any, ...], dt: 
     return (xp.stack(out) if out else ctrl), tuple(kept)
 
 
-def observe(xp: Any, m: Machine, q: Array, v: Array, ctrl: Array, body_velocity: Any, last_force: Array, dt: float) -> Step:
+def observe(
+    xp: Any, m: Machine, q: Array, v: Array, ctrl: Array, body_velocity: Any, last_force: Array, dt: float
+) -> Step:
     """What the equations may read, for one machine."""
     model = m.model
     if not model.nu:
@@ -100,7 +104,9 @@ def observe(xp: Any, m: Machine, q: Array, v: Array, ctrl: Array, body_velocity:
     direct = np.array([is_joint_transmission(model, a) for a in range(model.nu)])
     plain = direct & (model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED))
     kinds = [int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)]
-    plain &= np.isin(model.actuator_biastype, kinds) & (model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_NONE))
+    plain &= np.isin(model.actuator_biastype, kinds) & (
+        model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_NONE)
+    )
     joint = np.where(plain, np.clip(model.actuator_trnid[:, 0], 0, model.njnt - 1), 0)
     gear = model.actuator_gear[:, 0]
     limited = model.actuator_ctrllimited.astype(bool)
@@ -112,7 +118,11 @@ def observe(xp: Any, m: Machine, q: Array, v: Array, ctrl: Array, body_velocity:
     f_low = np.where(f_limited, model.actuator_forcerange[:, 0], -1e12)
     f_high = np.where(f_limited, model.actuator_forcerange[:, 1], 1e12)
     free = model.actuator_gainprm[:, 0] * xp.clip(ctrl, low, high) + bias[:, 0]
-    free = free + bias[:, 1] * gear * q[model.jnt_qposadr[joint]] + bias[:, 2] * gear * v[model.jnt_dofadr[joint]]
+    free = (
+        free
+        + bias[:, 1] * gear * q[model.jnt_qposadr[joint]]
+        + bias[:, 2] * gear * v[model.jnt_dofadr[joint]]
+    )
     f = xp.clip(free, f_low, f_high)
     if not plain.all():
         free, f = xp.where(plain, free, last_force), xp.where(plain, f, last_force)

@@ -134,9 +134,10 @@ def whitener(
     white, factor = build(1.0), 1.0
     for _ in range(4 if temper else 0):
         median = float(np.median(white.excess(white(base[None])))) if w.count else 1.0
-        if median <= 1.2:
+        # well below one, the noise was overestimated (fast motion logged at a low rate looks like noise)
+        if 0.5 <= median <= 1.2 or factor < 1e-3:
             break
-        factor *= np.sqrt(median)
+        factor *= float(np.sqrt(max(median, 1e-6)))
         white = build(factor)
     return white
 

@@ -185,7 +185,10 @@ def cut(
         keep = np.sort(rng.permutation(len(found))[:limit])
         found = [found[k] for k in keep]
     steps = max(
-        (int(np.ceil((sources[i].recording.time[b] - sources[i].recording.time[a]) / dt - 1e-6)) for i, a, b in found),
+        (
+            int(np.ceil((sources[i].recording.time[b] - sources[i].recording.time[a]) / dt - 1e-6))
+            for i, a, b in found
+        ),
         default=1,
     )
     rows = []

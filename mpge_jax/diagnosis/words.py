@@ -66,7 +66,9 @@ def explanation(d: Diagnosis) -> str:
             f"{100 * d.unexplained['share']:.0f} % of the squared prediction error."
         )
     if not parts:
-        parts.append("Nothing is missing: the model predicts the recordings as well as the measurement noise allows.")
+        parts.append(
+            "Nothing is missing: the model predicts the recordings as well as the measurement noise allows."
+        )
     before, after = d.held.before.rms, d.held.after.rms
     if d.terms:
         parts.append(

@@ -145,7 +145,14 @@ def test_bad_input_ends_with_one_sentence_and_writes_nothing(folder, tmp_path, c
 def test_recordings_shorter_than_a_window_are_told(folder, tmp_path, capsys):
     short = tmp_path / "short.npz"
     np.savez(short, time=[0.0, 0.01, 0.02, 0.03], qpos=np.zeros((4, 1)), ctrl=np.zeros((4, 1)))
-    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(short), "--out", str(tmp_path / "o")]
+    arguments = [
+        "--model",
+        str(folder / "model.xml"),
+        "--recordings",
+        str(short),
+        "--out",
+        str(tmp_path / "o"),
+    ]
     assert main(arguments) == 2
     assert "record more" in capsys.readouterr().err
 

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from envs._mjx import mjx
 from machines import ARM, BOX, PENDULUM
 
+from envs._mjx import mjx
 from mpge_jax.diagnosis import REGISTRY, VOCABULARY
 from mpge_jax.diagnosis.corrected import CorrectedModel, CStepper
 from mpge_jax.diagnosis.effects.base import Context, Place, nominal_context, register
@@ -197,7 +197,9 @@ def test_batched_windows_agree_with_single_steps(effect_id):
 
     time = dt * np.arange(steps + 1)
     record = Recording("r", time, np.tile(q0, (steps + 1, 1)), None, np.vstack([u, u[-1:]]))
-    states = States(record.qpos, np.tile(v0, (steps + 1, 1)), 0 * record.qpos, np.zeros((steps + 1, model.nv, 2, 2)))
+    states = States(
+        record.qpos, np.tile(v0, (steps + 1, 1)), 0 * record.qpos, np.zeros((steps + 1, model.nv, 2, 2))
+    )
     source = Source.build(record, states, record.ctrl)
     history = 150
     timeline = np.concatenate([np.repeat(u[:1], history, 0), u])[None]

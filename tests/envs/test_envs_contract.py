@@ -25,7 +25,7 @@ def assert_same(one, two, rows=slice(None)):
 
 
 def types_of(state):
-    return jax.tree.map(lambda x: (x.shape, x.dtype), state)
+    return [(x.shape, x.dtype) for x in jax.tree.leaves(state)]
 
 
 @pytest.mark.parametrize("name", envs.names())

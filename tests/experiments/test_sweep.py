@@ -155,7 +155,9 @@ def test_the_command_itself_refuses_with_status_2(tmp_path):
         text=True,
     )
     assert done.returncode == 2
-    assert done.stderr.strip().startswith("sweep: --task BrokenHoper is not known; did you mean BrokenHopper?")
+    assert done.stderr.strip().startswith(
+        "sweep: --task BrokenHoper is not known; did you mean BrokenHopper?"
+    )
     assert "Traceback" not in done.stderr and len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
@@ -202,8 +204,22 @@ def test_an_empty_folder_and_one_of_a_sweep_killed_at_once_are_used(monkeypatch,
     assert faked == [("direct", 0)]
 
 
-def test_a_failed_cell_is_recorded_the_others_go_on_and_it_is_tried_again(monkeypatch, capsys, tmp_path, faked):
-    command = ("--preset", "tiny", "--method", "direct", "SPG", "GAT", "--samples", 10, 1000, "--out", tmp_path)
+def test_a_failed_cell_is_recorded_the_others_go_on_and_it_is_tried_again(
+    monkeypatch, capsys, tmp_path, faked
+):
+    command = (
+        "--preset",
+        "tiny",
+        "--method",
+        "direct",
+        "SPG",
+        "GAT",
+        "--samples",
+        10,
+        1000,
+        "--out",
+        tmp_path,
+    )
     faked.append("broken")
     assert run(monkeypatch, *command) == 1
     assert faked[1:] == [("direct", 0), ("SPG", 10), ("SPG", 1000), ("GAT", 10), ("GAT", 1000)]
@@ -212,7 +228,10 @@ def test_a_failed_cell_is_recorded_the_others_go_on_and_it_is_tried_again(monkey
     table = (tmp_path / "results.md").read_text()
     assert "SPG-10 failed: FloatingPointError: the simulation diverged\n" in table
     assert "a thousand lines" not in table
-    assert {row["method"] for row in json.loads((tmp_path / "results.json").read_text())["rows"]} == {"direct", "GAT"}
+    assert {row["method"] for row in json.loads((tmp_path / "results.json").read_text())["rows"]} == {
+        "direct",
+        "GAT",
+    }
 
     faked.clear()
     capsys.readouterr()
@@ -301,9 +320,13 @@ def test_a_whole_sweep_on_a_tiny_preset(monkeypatch, tmp_path, tiny):
 def test_every_method_on_a_tiny_preset(monkeypatch, tmp_path, tiny):
     command = ("--preset", "tiny", "--samples", 11, 20, "--backend", "c", "--quiet", "--out", tmp_path)
     assert run(monkeypatch, *command) == 0
-    used = {(name, samples) for name, m in METHODS.items() for samples in ((11, 20) if m.uses_samples else (0,))}
+    used = {
+        (name, samples) for name, m in METHODS.items() for samples in ((11, 20) if m.uses_samples else (0,))
+    }
     assert_complete(tmp_path, used)
-    spg, several = (target_log.load(tmp_path / "cells" / f"{m}-11" / "target_log_1.npz") for m in ("SPG", "MPG-MS"))
+    spg, several = (
+        target_log.load(tmp_path / "cells" / f"{m}-11" / "target_log_1.npz") for m in ("SPG", "MPG-MS")
+    )
     assert (spg.count.shape, several.count.shape) == ((1,), (2,))
 
 
@@ -331,7 +354,18 @@ def tiny_main():
 def test_a_sweep_killed_at_random_moments_ends_like_one_that_was_not(tmp_path):
     def start(out):
         code = "from tests.experiments import test_sweep; test_sweep.tiny_main()"
-        options = ["--preset", "tiny", "--method", "SPG", "MPGE+", "--samples", "11", "--out", str(out), "--quiet"]
+        options = [
+            "--preset",
+            "tiny",
+            "--method",
+            "SPG",
+            "MPGE+",
+            "--samples",
+            "11",
+            "--out",
+            str(out),
+            "--quiet",
+        ]
         return subprocess.Popen(
             [sys.executable, "-c", code, *options],
             cwd=ROOT,
@@ -359,8 +393,16 @@ def test_a_sweep_killed_at_random_moments_ends_like_one_that_was_not(tmp_path):
         rows.append([{k: v for k, v in row.items() if k != "seconds"} for row in found])
         assert len(rows[-1]) == 4
     assert rows[0] == rows[1]
-    for file in ("SPG-11/transformers.npz", "MPGE+-11/transformers.npz", "MPGE+-11/curve.npz", "MPGE+-11/agents.npz"):
-        with np.load(tmp_path / "whole" / "cells" / file) as a, np.load(tmp_path / "killed" / "cells" / file) as b:
+    for file in (
+        "SPG-11/transformers.npz",
+        "MPGE+-11/transformers.npz",
+        "MPGE+-11/curve.npz",
+        "MPGE+-11/agents.npz",
+    ):
+        with (
+            np.load(tmp_path / "whole" / "cells" / file) as a,
+            np.load(tmp_path / "killed" / "cells" / file) as b,
+        ):
             assert a.files == b.files
             for name in set(a.files) - {"about"}:
                 np.testing.assert_array_equal(a[name], b[name])

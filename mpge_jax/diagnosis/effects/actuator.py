@@ -139,6 +139,39 @@ class ActuatorBias(_Actuator):
 
 
 @register
+class ActuatorBiasReclipped(ActuatorBias):
+    """The bias of a drive that clips once more after it: added to the command inside the command's limits."""
+
+    id, order, tier, commands = "actuator_bias:reclipped", -3, 2, True
+    equation = "tau = clip(u + c)"
+    fields = ()
+
+    def places(self, ctx: Context) -> list[Place]:
+        m = ctx.model
+        return [
+            p
+            for p in super().places(ctx)
+            if m.actuator_ctrllimited[p.index] and m.actuator_gainprm[p.index, 0] != 0
+        ]
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        """Nothing: the command carries it."""
+
+    def command_memory(self, xp: Any, ctx: Context, place: Place, u: Array, dt: float) -> Any:
+        m, a = ctx.model, place.index
+        low, high = m.actuator_ctrlrange[a]
+        shape = u * 0
+        return shape + float(m.actuator_gainprm[a, 0]), shape + float(low), shape + float(high)
+
+    def command(self, xp: Any, theta: Array, u: Array, memory: Any, dt: float) -> tuple[Array, Any]:
+        gain, low, high = memory
+        return xp.clip(u, low, high) + theta[..., 0] / gain, memory
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        return False
+
+
+@register
 class BackEmf(_Actuator):
     id, order, tier = "back_emf", 2, 1
     equation = "tau = k (V - ke v)"
@@ -198,9 +231,7 @@ class TorqueSaturation(_Actuator):
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         m, a = ctx.model, place.index
-        low, high = (
-            m.actuator_forcerange[a] if m.actuator_forcelimited[a] else np.array([-np.inf, np.inf])
-        )
+        low, high = m.actuator_forcerange[a] if m.actuator_forcelimited[a] else np.array([-np.inf, np.inf])
         f.set("actuator_forcelimited", (a,), 1)
         limit = theta[..., 0]
         f.set("actuator_forcerange", (a, 0), f.xp.maximum(-limit, max(float(low), -1e12)))
@@ -267,9 +298,7 @@ class ActuatorDelay(_Actuator):
         part = lag - whole
         return (1 - part) * near + part * far, memory
 
-    def timeline(
-        self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float
-    ) -> np.ndarray:
+    def timeline(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         lag = (theta[:, 0] / dt)[:, None]
         whole = np.floor(lag).astype(int)
         index = np.arange(u.shape[1])[None] - whole
@@ -313,9 +342,7 @@ class ActuatorLag(_Actuator):
         mean = u + (memory - u) * (1 - decay) * T / dt
         return mean, u + (memory - u) * decay
 
-    def timeline(
-        self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float
-    ) -> np.ndarray:
+    def timeline(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         # the recursion of `command` as a linear filter, once per distinct time constant
         out = np.empty_like(u)
         for T in np.unique(theta[:, 0]):
@@ -323,7 +350,9 @@ class ActuatorLag(_Actuator):
             decay = np.exp(-dt / T)
             share = (1 - decay) * T / dt
             start = u[rows, :1]
-            state, _ = lfilter([0.0, 1 - decay], [1.0, -decay], u[rows] - start, axis=1, zi=np.zeros((rows.sum(), 1)))
+            state, _ = lfilter(
+                [0.0, 1 - decay], [1.0, -decay], u[rows] - start, axis=1, zi=np.zeros((rows.sum(), 1))
+            )
             out[rows] = u[rows] + (state + start - u[rows]) * share
         return out
 

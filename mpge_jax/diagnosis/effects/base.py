@@ -188,6 +188,7 @@ class Effect:
     """Base class. A new effect sets `id`, `kinds`, `params`, and one or more hooks; see `register`."""
 
     id: str = ""
+    """Identifier; a second form of an effect carries its name after a colon and is reported without it."""
     kinds: tuple[str, ...] = ()
     side: str = "mechanical"
     """Where it stands in the chain: mechanical, actuator, or sensor."""
@@ -238,9 +239,7 @@ class Effect:
         """Command [...] that reaches the actuator in this step."""
         return u, memory
 
-    def timeline(
-        self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float
-    ) -> np.ndarray:
+    def timeline(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         """`command` over a whole timeline u [n, L] of consecutive steps."""
         memory = self.command_memory(np, ctx, place, u[:, 0], dt)
         out = np.empty_like(u)
@@ -323,7 +322,9 @@ def find_place(ctx: Context, effect: Effect, name: str) -> Place:
         for place in all_places(ctx, kind):
             if place.name == name:
                 return place
-    raise ValueError(f"{effect.id} cannot act at '{name}': the model has no such {' or '.join(effect.kinds)}.")
+    raise ValueError(
+        f"{effect.id} cannot act at '{name}': the model has no such {' or '.join(effect.kinds)}."
+    )
 
 
 def all_places(ctx: Context, kind: str) -> list[Place]:

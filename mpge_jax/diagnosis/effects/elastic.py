@@ -64,7 +64,9 @@ class JointStiffness(Effect):
         stiffness[0] = k
         joint.stiffness = stiffness if stiffness.size > 1 else k
         reference = (k0 * r0 + float(theta[1])) / k
-        joint.springref = float(np.rad2deg(reference)) if spec.compiler.degree and _hinge(joint) else reference
+        joint.springref = (
+            float(np.rad2deg(reference)) if spec.compiler.degree and _hinge(joint) else reference
+        )
         return True
 
     def sentence(self, place: Place, values: dict[str, Any]) -> str:
@@ -165,7 +167,9 @@ class Armature(Effect):
         return True
 
     def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"The drive of the {place.name} has a rotor inertia of {values['inertia']} that the model lacks."
+        return (
+            f"The drive of the {place.name} has a rotor inertia of {values['inertia']} that the model lacks."
+        )
 
 
 class _Drive(Effect):
@@ -189,7 +193,9 @@ class _Drive(Effect):
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("dof_armature", (ctx.dof(place),), -float(ctx.model.dof_armature[ctx.dof(place)]))
 
-    def coupling(self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array) -> tuple[Array, Array, Array]:
+    def coupling(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array
+    ) -> tuple[Array, Array, Array]:
         """(spring torque, its slope, damping) at a twist of motor against link."""
         raise NotImplementedError
 
@@ -249,7 +255,14 @@ class JointFlexibility(_Drive):
         k = max(20 * t, 10.0 * inertia)
         d = 0.2 * np.sqrt(k * inertia)
         return (
-            Param("stiffness", joint_unit(ctx, place, "N m/rad", "N/m"), 1e-2 * k, 1e3 * k, 0.1 * k, prior=20 * k),
+            Param(
+                "stiffness",
+                joint_unit(ctx, place, "N m/rad", "N/m"),
+                1e-2 * k,
+                1e3 * k,
+                0.1 * k,
+                prior=20 * k,
+            ),
             Param("damping", joint_unit(ctx, place, "N m s/rad", "N s/m"), 0.0, 1e3 * d, d),
         )
 
@@ -260,7 +273,9 @@ class JointFlexibility(_Drive):
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return []
 
-    def coupling(self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array) -> tuple[Array, Array, Array]:
+    def coupling(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array
+    ) -> tuple[Array, Array, Array]:
         return theta[..., 0] * twist, theta[..., 0], theta[..., 1]
 
     def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array) -> Array:
@@ -286,7 +301,9 @@ class Backlash(_Drive):
         rate = 0.25 / float(ctx.model.opt.timestep)
         return inertia * rate**2, 1.4 * inertia * rate
 
-    def coupling(self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array) -> tuple[Array, Array, Array]:
+    def coupling(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array
+    ) -> tuple[Array, Array, Array]:
         k, d = self._stiffness(ctx, place)
         half = 0.5 * theta[..., 0]
         past = xp.sign(twist) * xp.maximum(xp.abs(twist) - half, 0.0)

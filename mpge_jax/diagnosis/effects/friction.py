@@ -234,5 +234,3 @@ def _drives(ctx: Context, place: Place) -> list[tuple[int, float]]:
     from mpge_jax.diagnosis.model import actuators_of_joint
 
     return [(a, float(ctx.model.actuator_gear[a, 0])) for a in actuators_of_joint(ctx.model, place.index)]
-
-

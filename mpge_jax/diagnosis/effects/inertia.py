@@ -129,9 +129,7 @@ class PayloadMass(_Inertial):
         return f"{place.name} carries {values['mass']} more than the model says, at {values['position']}."
 
 
-def set_inertial(
-    spec: Any, index: int, mass: Array, ipos: Array, inertia: Array, iquat: Array
-) -> None:
+def set_inertial(spec: Any, index: int, mass: Array, ipos: Array, inertia: Array, iquat: Array) -> None:
     """Write explicit inertial properties of a body; its geoms keep their shapes and lose their masses' say."""
     body = spec_body(spec, index)
     body.explicitinertial = True

@@ -21,7 +21,9 @@ class EncoderOffset(_Sensor):
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         travel = max(float(ctx.travel[ctx.dof(place)]), 0.05)
-        return (Param("offset", joint_unit(ctx, place, "rad", "m"), -3.0, 3.0, 0.02, prior=min(5 * travel, 1.0)),)
+        return (
+            Param("offset", joint_unit(ctx, place, "rad", "m"), -3.0, 3.0, 0.02, prior=min(5 * travel, 1.0)),
+        )
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         return np.array([[0.0]])
@@ -40,7 +42,7 @@ class SensorDelay(_Sensor):
     remedy = "compare command and response with a second, faster sensor"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        return (Param("delay", "s", 0.0, 0.2, 0.5 * max(ctx.period, 2e-3)),)
+        return (Param("delay", "s", 0.0, 0.1, 0.5 * max(ctx.period, 2e-3)),)
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         return np.array([[1.0], [3.0]]) * max(ctx.period, 2e-3)

@@ -108,9 +108,7 @@ class ExternalForce(Effect):
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         f = max(ctx.weight, 1e-3)
-        return tuple(
-            Param(f"force_{axis}", "N", -50 * f, 50 * f, 0.05 * f, prior=5 * f) for axis in "xyz"
-        )
+        return tuple(Param(f"force_{axis}", "N", -50 * f, 50 * f, 0.05 * f, prior=5 * f) for axis in "xyz")
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         return np.zeros((1, 3))

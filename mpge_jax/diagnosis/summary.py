@@ -1,0 +1,71 @@
+"""A diagnosis as a Markdown page; every number comes from the diagnosis itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mpge_jax.diagnosis.words import quantity
+
+if TYPE_CHECKING:
+    from mpge_jax.diagnosis.diagnosis import Diagnosis, FitReport
+
+Array = np.ndarray
+
+
+def window_errors(report: FitReport, after: bool) -> Array:
+    """Median over windows of each joint's root-mean-square error [nv]."""
+    curves = (report.after if after else report.before).curves
+    with np.errstate(invalid="ignore"):
+        return np.median(np.sqrt(np.nanmean(curves**2, axis=1)), axis=0)
+
+
+def markdown(d: Diagnosis, title: str, command: str) -> str:
+    """A page: the sentences, effects with intervals, held-out errors, warnings, and how it was made."""
+    table = d.to_json()
+    lines = [
+        f"# {title}",
+        "",
+        f"Verdict: **{table['verdict']}**. {table['explanation']}",
+        "",
+        "## Effects",
+        "",
+    ]
+    lines += [
+        "| effect | at | parameter | value | 95 % interval | share of held-out error |",
+        "|---|---|---|---|---|---|",
+    ]
+    for e in table["effects"]:
+        share = f"{100 * e['error_drop']:.0f} %" if e.get("error_drop") is not None else ""
+        for name, p in (e["parameters"] or {"": None}).items():
+            value = quantity(p) if p else ""
+            interval = f"{p['low']} to {p['high']}" if p else ""
+            lines.append(f"| {e['id']} | {e['at']} | {name} | {value} | {interval} | {share} |")
+    held = d.held
+    before, after = window_errors(held, False), window_errors(held, True)
+    span = table["fit"]["window_s"]
+    lines += ["", f"## Held-out windows of {span} s", ""]
+    lines += [f"{held.windows.count} windows of {', '.join(table['fit']['held_out']['recordings'])}.", ""]
+    lines += ["| joint | median error as given | median error corrected | ratio |", "|---|---|---|---|"]
+    for dof in range(d.prepared.model.nv):
+        name = d.prepared.names.joint_of_dof(d.prepared.model, dof)
+        lines.append(f"| {name} | {before[dof]:.4g} | {after[dof]:.4g} | {before[dof] / after[dof]:.1f} |")
+    fit = table["fit"]["held_out"]
+    lines += [
+        "",
+        f"Root mean square over all: {fit['before']} to {fit['after']} (noise alone: {fit['noise_floor']}).",
+    ]
+    if d.actuators is not None and d.actuators.errors:
+        lines += [
+            "",
+            "## Command to measured force",
+            "",
+            "| actuator | held-out rms before | after |",
+            "|---|---|---|",
+        ]
+        lines += [f"| {a} | {x:.4g} | {y:.4g} |" for a, (x, y) in d.actuators.errors.items()]
+    if table["warnings"]:
+        lines += ["", "## Warnings", "", *[f"- {w}" for w in table["warnings"]]]
+    lines += ["", f"Made by `{command}`, seed {table['seed']}.", ""]
+    return "\n".join(lines)
