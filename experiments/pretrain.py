@@ -20,7 +20,7 @@ import numpy as np
 import tyro
 
 import envs
-from mpge_jax import agent, loop, policies, sac
+from mpge_jax import agent, loop, policies
 from mpge_jax.agent import AgentConfig
 from mpge_jax.policies import PolicySet
 from mpge_jax.sac import SACConfig

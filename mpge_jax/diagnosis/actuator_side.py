@@ -60,12 +60,12 @@ class _Log:
 
 def _log(source: Source, ctx: Context, actuator: int, dt: float, first_block: int) -> _Log | None:
     r, m = source.recording, ctx.model
-    good = np.isfinite(r.force[:, actuator])
+    good = np.isfinite(r.known("force")[:, actuator])
     if good.sum() < 20:
         return None
     t = r.time
     grid = np.arange(t[0], t[-1] + 2 * dt, dt)
-    u = r.ctrl[np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, t.size - 1), actuator]
+    u = r.known("ctrl")[np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, t.size - 1), actuator]
     length = speed = np.zeros(t.size)
     if is_joint_transmission(m, actuator):
         joint, gear = int(m.actuator_trnid[actuator, 0]), float(m.actuator_gear[actuator, 0])
@@ -73,7 +73,7 @@ def _log(source: Source, ctx: Context, actuator: int, dt: float, first_block: in
         speed = gear * source.states.qvel[:, m.jnt_dofadr[joint]]
     at = np.clip(((t - t[0]) / dt + 1e-6).astype(int), 0, grid.size - 1)
     block = first_block + ((t - t[0]) / BLOCK_S).astype(int)
-    return _Log(u[None], at[good], r.force[good, actuator], length[good], speed[good], block[good])
+    return _Log(u[None], at[good], r.known("force")[good, actuator], length[good], speed[good], block[good])
 
 
 def predict(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, log: _Log, dt: float) -> Array:
@@ -124,12 +124,12 @@ class ActuatorSide:
         force error (before, after).
     """
 
+    ctx: Context
     fits: list[Fitted] = field(default_factory=list)
     effects: list[dict[str, Any]] = field(default_factory=list)
     table: list[dict[str, Any]] = field(default_factory=list)
     sentences: list[str] = field(default_factory=list)
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
-    ctx: Context | None = None
 
     def export(self, spec: mujoco.MjSpec) -> None:
         """Add native forms to a compiled spec."""
@@ -240,7 +240,7 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         return None
     drive = np.array(
         [
-            np.nanquantile(np.abs(np.concatenate([s.recording.force[:, a] for s in together])), 0.98)
+            np.nanquantile(np.abs(np.concatenate([s.recording.known("force")[:, a] for s in together])), 0.98)
             for a in range(nominal.nu)
         ]
     )
@@ -260,7 +260,7 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         if not logs[False] or not logs[True]:
             continue
         sigma, _ = column_noise(
-            [s.recording.time for s in together], [s.recording.force[:, a] for s in together]
+            [s.recording.time for s in together], [s.recording.known("force")[:, a] for s in together]
         )
         sigma = max(sigma if np.isfinite(sigma) else 0.0, 1e-5 * float(ctx.drive[a]), 1e-9)
         data = _Data(logs[False], logs[True], sigma, dt)
@@ -279,7 +279,8 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
             less = Fitted(h, h.gather(ctx, parts), np.zeros(0))
             without = _residual(nominal, ctx, less, int(a), data.held, data) * sigma
             drop = 1.0 - rms[1] ** 2 / max(float(np.mean(without**2)), 1e-30)
-            entry = {"id": term.name, "at": place.name, "parameters": parameters(_View(ctx), f, term)}
+            reported = parameters(ctx, f, term)
+            entry = {"id": term.name, "at": place.name, "parameters": reported}
             out.effects.append({**entry, "error_drop": number(drop), "rivals": []})
             values = {k: _value(v) for k, v in term.effect.report(ctx, place, theta).items()}
             out.table.append(
@@ -294,16 +295,9 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
             )
             from mpge_jax.diagnosis.words import quantity
 
-            shown = {k: quantity(v) for k, v in entry["parameters"].items()}
+            shown = {k: quantity(v) for k, v in reported.items()}
             out.sentences.append("Between command and measured force: " + term.effect.sentence(place, shown))
     return out
-
-
-@dataclass
-class _View:
-    """What `parameters` needs of a diagnosis."""
-
-    ctx: Context
 
 
 def _value(value: Any) -> Any:

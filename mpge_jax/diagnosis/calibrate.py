@@ -33,7 +33,7 @@ def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> tuple[float, float]
         return 1.0, 0.05
     noise, states, _ = estimate(segments, sim.model, prepared.names)
     noise = replace(noise, qpos=prepared.noise.qpos, qvel=prepared.noise.qvel)
-    sources = tuple(Source.build(r, s, r.ctrl) for r, s in zip(segments, states, strict=True))
+    sources = tuple(Source.build(r, s, r.known("ctrl")) for r, s in zip(segments, states, strict=True))
     duration = min(prepared.config.decide_s, 0.45 * SEGMENT)
     cuts = cut(sources, sim.model, noise, duration, 2 * limit, prepared.dt, rng)
     if not cuts.count:

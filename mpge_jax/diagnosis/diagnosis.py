@@ -158,10 +158,11 @@ def diagnose(
     names = names_of(plain)
     if isinstance(recordings, str | Path):
         recordings = [recordings]
-    if all(isinstance(r, Recording) for r in recordings) and len(recordings):
-        checked = [validate(r, plain, names) for r in recordings]
-    else:
-        checked = load_recordings(recordings, plain, names, columns)  # type: ignore[arg-type]
+    ready = [r for r in recordings if isinstance(r, Recording)]
+    files = [r for r in recordings if not isinstance(r, Recording)]
+    checked = [validate(r, plain, names) for r in ready]
+    if files or not ready:
+        checked += load_recordings(files, plain, names, columns)
     say(f"reading {len(checked)} recordings")
     prepared = prepare(spec, checked, config)
     result = _diagnose(prepared, plain, say, progress)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Context, Param
-from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.whiten import Whitener, robust_loss
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
+
+
+def _nothing() -> Array:
+    return np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
@@ -29,13 +33,13 @@ class Fitted:
     theta: Array
     centre: Array
     loss: float = np.inf
-    information: Array | None = None
-    cov: Array | None = None
-    x: Array | None = None
+    information: Array = field(default_factory=_nothing)
+    cov: Array = field(default_factory=_nothing)
+    x: Array = field(default_factory=lambda: np.zeros(0))
 
     def directions(self, ctx: Context) -> int:
         """Number of parameter combinations that the data identify better than their prior does."""
-        if self.information is None or not self.theta.size:
+        if not self.information.size or not self.theta.size:
             return 0
         scale = prior_widths(self.hypothesis.params(ctx))
         values = np.linalg.eigvalsh(self.information * scale[:, None] * scale[None, :])
@@ -57,14 +61,15 @@ class _Problem:
     fit: Fitted
     params: list[Param]
     damping: float = 1e-3
-    whitened: Array | None = None
-    jacobian: Array | None = None
+    whitened: Array = field(default_factory=_nothing)
+    jacobian: Array = field(default_factory=_nothing)
     done: bool = False
     small: int = 0
+    sizes: dict[Term, int] = field(default_factory=dict)
 
     def steps(self) -> Array:
         """Finite-difference steps [p] that stay inside the bounds."""
-        low, high = _bounds(self.params)
+        _, high = _bounds(self.params)
         scale = np.array([p.scale for p in self.params])
         theta = self.fit.theta
         h = 0.02 * scale + 1e-4 * np.abs(theta)
@@ -97,7 +102,10 @@ def fit(
 ) -> list[Fitted]:
     """Fit every start; returns them in order, with losses, information and covariances on `w`."""
     ctx = sim.ctx
-    problems = [_Problem(f, f.hypothesis.params(ctx)) for f in starts]
+    problems = [
+        _Problem(f, f.hypothesis.params(ctx), sizes={t: len(t.params(ctx)) for t in f.hypothesis.terms})
+        for f in starts
+    ]
     _linearise(sim, problems, w, white)
     for _ in range(iterations):
         active = [p for p in problems if not p.done and p.params]
@@ -105,7 +113,7 @@ def fit(
             break
         trials: list[tuple[_Problem, Array]] = []
         for p in active:
-            trials += [(p, t) for t in _proposals(p, w)]
+            trials += [(p, t) for t in [*_proposals(p, w), *_without_slopes(p)]]
         res = sim.residuals([Run(p.fit.hypothesis, t) for p, t in trials], w)
         improved = []
         for p in active:
@@ -172,9 +180,25 @@ def _proposals(p: _Problem, w: Windows) -> list[Array]:
     return out
 
 
+def _without_slopes(p: _Problem) -> list[Array]:
+    """Proposals for parameters along which the prediction jumps: a few factors either way."""
+    low, high = _bounds(p.params)
+    out, start = [], 0
+    for term in p.fit.hypothesis.terms:
+        size = p.sizes[term]
+        if term.effect.jagged:
+            for factor in (0.8, 0.93, 0.98, 1.02, 1.07, 1.25):
+                theta = p.fit.theta.copy()
+                theta[start : start + size] *= factor
+                out.append(np.clip(theta, low, high))
+        start += size
+    return out
+
+
 def _linearise(sim: Simulator, problems: list[_Problem], w: Windows, white: Whitener) -> None:
     """Residuals and Jacobians [p, W, M] at the present parameters, all in one batch."""
-    runs, layout = [], []
+    runs: list[Run] = []
+    layout: list[tuple[int, Array]] = []
     for p in problems:
         steps = p.steps()
         layout.append((len(runs), steps))
@@ -197,7 +221,7 @@ def _linearise(sim: Simulator, problems: list[_Problem], w: Windows, white: Whit
 
 def _finish(p: _Problem) -> Fitted:
     """Information, and a covariance that is robust to misfit (clustered by window)."""
-    if not p.params or p.jacobian is None:
+    if not p.params or not p.jacobian.size:
         return replace(p.fit, information=np.zeros((0, 0)), cov=np.zeros((0, 0)))
     j, r = p.jacobian, p.whitened
     weight = 1.0 / (1.0 + p.fit.x / 5.0)

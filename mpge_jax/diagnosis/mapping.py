@@ -63,7 +63,7 @@ def raw_columns(path: Path) -> dict[str, np.ndarray]:
             raise InputError(f"{path.name}: the rows do not have the {len(titles)} columns of the header.")
         return {t: table[:, i] for i, t in enumerate(titles)}
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+        with path.open("rb") as binary, np.load(binary, allow_pickle=False) as data:
             return {k: data[k] for k in data.files if data[k].dtype.kind in "fiub"}
     except Exception as error:  # damaged archives raise types of their own
         raise InputError(f"cannot read {path.name}: {type(error).__name__}.") from None

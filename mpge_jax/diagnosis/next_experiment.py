@@ -77,7 +77,7 @@ def design(d: Diagnosis, path: Path) -> dict[str, object] | None:
         return None
     fits = list({f.hypothesis: f for fs in groups.values() for f in fs}.values())
     dt, rng = d.prepared.dt, np.random.default_rng([d.config.seed, 9])
-    steps = int(round(DURATION / dt))
+    steps = round(DURATION / dt)
     time = dt * np.arange(steps)
     low, high = _command_range(d)
     source = d.prepared.train_sources[0]

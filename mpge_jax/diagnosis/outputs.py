@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mpge_jax.diagnosis.effects.base import Context
 from mpge_jax.diagnosis.fit import Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 
@@ -28,14 +29,14 @@ def _plain(value: Any) -> Any:
     return number(value) if value.ndim == 0 else [number(v) for v in value]
 
 
-def parameters(d: Diagnosis, f: Fitted, term: Term) -> dict[str, Any]:
+def parameters(ctx: Context, f: Fitted, term: Term) -> dict[str, Any]:
     """Reported parameters of one term with 95 % intervals."""
-    ctx, effect, place = d.ctx, term.effect, term.place
+    effect, place = term.effect, term.place
     part = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(term)]
     theta = f.theta[part]
     value = effect.report(ctx, place, theta)
     spread = {k: np.zeros_like(np.asarray(v, dtype=float)) for k, v in value.items()}
-    if f.cov is not None and theta.size:
+    if f.cov.size and theta.size:
         deviation = np.sqrt(np.maximum(np.diag(f.cov[part, part]), 0.0))
         for i in range(theta.size):
             h = 1e-4 * (abs(theta[i]) + deviation[i]) + 1e-12
@@ -65,7 +66,7 @@ def parameters(d: Diagnosis, f: Fitted, term: Term) -> dict[str, Any]:
 
 
 def _effect(d: Diagnosis, f: Fitted, term: Term) -> dict[str, Any]:
-    return {"id": term.name, "at": term.place.name, "parameters": parameters(d, f, term)}
+    return {"id": term.name, "at": term.place.name, "parameters": parameters(d.ctx, f, term)}
 
 
 def _set(d: Diagnosis, f: Fitted) -> list[dict[str, Any]]:

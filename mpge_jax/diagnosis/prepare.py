@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.context import build_context
 from mpge_jax.diagnosis.effects.base import Context
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.model import Names, compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.recording import Recording
+from mpge_jax.diagnosis.recording import Recording, rows_of
 from mpge_jax.diagnosis.simulate import Simulator
 from mpge_jax.diagnosis.split import split
 from mpge_jax.diagnosis.states import MAX_ROWS, Noise, estimate
@@ -55,7 +55,7 @@ def measured_forces(recordings: list[Recording], model: mujoco.MjModel) -> np.nd
     """[nu] whether each actuator's force was measured in every recording."""
     if not recordings or any(r.force is None for r in recordings):
         return np.zeros(model.nu, bool)
-    return np.all([np.isfinite(r.force).mean(0) > 0.5 for r in recordings], axis=0)
+    return np.all([np.isfinite(r.known("force")).mean(0) > 0.5 for r in recordings], axis=0)
 
 
 def drive_by_force(spec: mujoco.MjSpec, measured: np.ndarray) -> mujoco.MjSpec:
@@ -77,7 +77,7 @@ def _command(r: Recording, measured: np.ndarray) -> np.ndarray:
     rows, nu = r.time.size, measured.size
     command = np.zeros((rows, nu)) if r.ctrl is None else r.ctrl.astype(float).copy()
     for a in np.flatnonzero(measured):
-        force = r.force[:, a]
+        force = r.known("force")[:, a]
         good = np.isfinite(force)
         command[:, a] = np.interp(r.time, r.time[good], force[good])
     return command
@@ -99,9 +99,7 @@ def _thin(recordings: list[Recording], warnings: list[str]) -> list[Recording]:
         starts = np.linspace(0, max(r.time.size - size, 0), pieces).astype(int)
         for k, a in enumerate(starts):
             rows = slice(int(a), int(a) + size)
-            arrays = {key: getattr(r, key) for key in ("time", "qpos", "qvel", "ctrl", "force")}
-            cut_arrays = {key: None if v is None else v[rows] for key, v in arrays.items()}
-            out.append(replace(r, name=r.name if pieces == 1 else f"{r.name}_{k}", **cut_arrays))
+            out.append(rows_of(r, rows, r.name if pieces == 1 else f"{r.name}_{k}"))
     return out
 
 

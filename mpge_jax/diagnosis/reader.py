@@ -122,7 +122,15 @@ def read_recording(
     if model.nu == 0:
         arrays.pop("ctrl", None)
         arrays.pop("force", None)
-    return validate(Recording(name=path.stem, **arrays), model, names)
+    recording = Recording(
+        path.stem,
+        arrays["time"],
+        arrays["qpos"],
+        arrays.get("qvel"),
+        arrays.get("ctrl"),
+        arrays.get("force"),
+    )
+    return validate(recording, model, names)
 
 
 def find_files(paths: Iterable[str | Path]) -> list[Path]:

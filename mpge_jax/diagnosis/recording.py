@@ -34,9 +34,31 @@ class Recording:
     force: Array | None = None
     warnings: tuple[str, ...] = field(default=(), compare=False)
 
+    def known(self, key: str) -> Array:
+        """The array `qvel`, `ctrl` or `force`; NaN throughout where it was not recorded."""
+        value = getattr(self, key)
+        return np.full((self.time.size, 1), np.nan) if value is None else value
+
     @property
     def duration(self) -> float:
         return float(self.time[-1] - self.time[0])
+
+
+def rows_of(r: Recording, rows: slice, name: str) -> Recording:
+    """Some rows of a recording under another name."""
+
+    def cut(value: Array | None) -> Array | None:
+        return None if value is None else value[rows]
+
+    return replace(
+        r,
+        name=name,
+        time=r.time[rows],
+        qpos=r.qpos[rows],
+        qvel=cut(r.qvel),
+        ctrl=cut(r.ctrl),
+        force=cut(r.force),
+    )
 
 
 def _column_name(model: mujoco.MjModel, names: Names, key: str, column: int) -> str:
@@ -199,7 +221,7 @@ def chain_transitions(recordings: list[Recording]) -> list[Recording]:
             and (r.qvel is None) == (previous.qvel is None)
             and (r.ctrl is None) == (previous.ctrl is None)
             and (r.force is None) == (previous.force is None)
-            and (r.qvel is None or np.array_equal(previous.qvel[-1], r.qvel[0], equal_nan=True))
+            and (r.qvel is None or np.array_equal(previous.known("qvel")[-1], r.qvel[0], equal_nan=True))
         ):
             out[-1] = _append(previous, r)
         else:
@@ -217,7 +239,7 @@ def _append(first: Recording, second: Recording) -> Recording:
     return replace(
         first,
         time=time,
-        qpos=join(first.qpos, second.qpos),
+        qpos=np.concatenate([first.qpos[:-1], second.qpos]),
         qvel=join(first.qvel, second.qvel),
         ctrl=join(first.ctrl, second.ctrl),
         force=join(first.force, second.force),

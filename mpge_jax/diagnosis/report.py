@@ -13,15 +13,27 @@ if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis
 
 _STYLE = """
-:root{color-scheme:light}body{font:16px/1.5 system-ui,sans-serif;color:#1b1b1b;background:#fff;margin:0}
-main{max-width:60rem;margin:0 auto;padding:2rem 1.25rem 4rem}h1{font-size:1.15rem;color:#555;margin:0 0 .5rem;font-weight:600}
-.lead{font-size:1.45rem;line-height:1.35;margin:.2rem 0 1.2rem;font-weight:600}h2{font-size:1.15rem;margin:2.2rem 0 .6rem}
+:root{color-scheme:light}
+body{font:16px/1.5 system-ui,sans-serif;color:#1b1b1b;background:#fff;margin:0}
+main{max-width:60rem;margin:0 auto;padding:2rem 1.25rem 4rem}
+h1{font-size:1.15rem;color:#555;margin:0 0 .5rem;font-weight:600}
+.lead{font-size:1.45rem;line-height:1.35;margin:.2rem 0 1.2rem;font-weight:600}
+h2{font-size:1.15rem;margin:2.2rem 0 .6rem}
 .badge{display:inline-block;padding:.1rem .6rem;border-radius:1rem;color:#fff;font-size:.85rem;font-weight:600}
-.effects{background:#1f6fb2}.none{background:#2d7d46}.ambiguous{background:#9a6700}.unexplained{background:#b3261e}
-table{border-collapse:collapse;width:100%;font-size:.94rem}th,td{text-align:left;padding:.35rem .7rem .35rem 0;border-bottom:1px solid #ddd;vertical-align:top}
-img{max-width:100%;height:auto}.row{display:flex;flex-wrap:wrap;gap:1.5rem;align-items:flex-start}.row>*{flex:1 1 20rem}
-.numbers{display:flex;flex-wrap:wrap;gap:1.2rem;margin:.6rem 0 1rem}.numbers div{min-width:8rem}.numbers b{display:block;font-size:1.35rem}
-small,.quiet{color:#555}.overflow{overflow-x:auto}
+.effects{background:#1f6fb2}
+.none{background:#2d7d46}
+.ambiguous{background:#9a6700}
+.unexplained{background:#b3261e}
+table{border-collapse:collapse;width:100%;font-size:.94rem}
+th,td{text-align:left;padding:.35rem .7rem .35rem 0;border-bottom:1px solid #ddd;vertical-align:top}
+img{max-width:100%;height:auto}
+.row{display:flex;flex-wrap:wrap;gap:1.5rem;align-items:flex-start}
+.row>*{flex:1 1 20rem}
+.numbers{display:flex;flex-wrap:wrap;gap:1.2rem;margin:.6rem 0 1rem}
+.numbers div{min-width:8rem}
+.numbers b{display:block;font-size:1.35rem}
+small,.quiet{color:#555}
+.overflow{overflow-x:auto}
 """
 _WORDS = {
     "effects": "found",
@@ -100,7 +112,8 @@ def _ambiguous(table: dict[str, Any]) -> str:
             items.append(f"<li>{escape(' and '.join(names))}</li>")
         extra = ""
         if entry["experiment"]:
-            extra = f" A command sequence that separates them in simulation is in <code>{escape(entry['experiment'])}</code>."
+            file = escape(entry["experiment"])
+            extra = f" A command sequence that separates them in simulation is in <code>{file}</code>."
         parts.append(
             f"<p>These explain the recordings equally well:</p><ul>{''.join(items)}</ul>"
             f"<p><b>To tell them apart:</b> {escape(entry['separated_by'])}.{extra}</p>"

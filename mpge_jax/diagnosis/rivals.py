@@ -64,6 +64,8 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
         return Rival(other, rival.fit, margin, error, why)
     if not s.named(rival.fit, best.fit.hypothesis.without(term)):
         return Rival(other, rival.fit, margin, error, "the data do not determine its parameters")
-    if rival.directions > best.directions + 1:
+    # an added mass is the commonest change of all: it stays in the running with one direction more
+    extra = 1 if other.name == "payload_mass" else 0
+    if rival.directions > best.directions + extra:
         return Rival(other, rival.fit, margin, error, "it needs more free parameters for the same fit")
     return Rival(other, rival.fit, margin, error, "the data cannot tell the two apart", tied=True)

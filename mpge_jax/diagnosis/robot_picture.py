@@ -62,7 +62,7 @@ def robot(model: mujoco.MjModel, qpos: Array, marked: list[tuple[str, int]], pat
     data.qpos[:] = qpos[len(qpos) // 2]
     mujoco.mj_forward(model, data)
     lines = _points(model, data)
-    cloud = np.array([p for line in lines for p in line] or [[0.0, 0.0, 0.0]])
+    cloud = np.array([p for line in lines for p in line] or [np.zeros(3)])
     span = np.ptp(cloud, axis=0)
     horizontal = 0 if span[0] >= span[1] else 1
     view = [horizontal, 2] if span[2] > 0.02 * span.max() else [0, 1]

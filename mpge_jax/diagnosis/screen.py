@@ -61,7 +61,7 @@ def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: W
         p.fit = replace(p.fit, x=x, loss=loss)
         if p.params:
             trials += [(index, t) for t in _proposals(p, w)]
-        p.jacobian = None
+        p.jacobian = np.zeros((0, 0))
     outcome = _whitened(sim, [Run(problems[i][1].fit.hypothesis, t) for i, t in trials], w, white)
     for (i, theta), r in zip(trials, outcome, strict=True):
         p = problems[i][1]

@@ -165,7 +165,7 @@ class Search:
             if term in without.terms:
                 continue
             naming = term.effect.naming(ctx, term.place)
-            if not naming or f.cov is None:
+            if not naming or not f.cov.size:
                 continue
             null = term.effect.null(ctx, term.place)
             cov = f.cov[part, part]

@@ -252,11 +252,11 @@ class Simulator:
         out[..., : m.nv] = difference(m, pq, w.qpos[window]) - offset[:, None, :]
         out[..., m.nv :] = w.qvel[window] - pv
         out[~w.seen[window]] = np.nan
-        for dof, rows, before in early:
+        for index, rows, before in early:
             # what a delayed sensor shows first lies before the window; the later samples count for those too
             later = w.seen[window[rows]] & ~before
             weight = np.sqrt(w.seen[window[rows]].sum(1) / np.maximum(later.sum(1), 1))
-            for k in (dof, m.nv + dof):
+            for k in (index, m.nv + index):
                 value = np.where(before, 0.0, out[rows, :, k] * weight[:, None])
                 out[rows, :, k] = np.where(np.isfinite(out[rows, :, k]), value, np.nan)
         return out
@@ -320,11 +320,11 @@ class _Runtime:
             free = np.where(self.formula, free, self.last_force)
             f = np.where(self.formula, f, self.last_force)
         shape = f.shape
-        wide = [
+        low, high, stiffness, damping = (
             np.broadcast_to(x, shape)
             for x in (self.range[..., 0], self.range[..., 1], bias[..., 1], bias[..., 2])
-        ]
-        return Step(q, v, u, f, free, *wide, self._body_velocity, self.dt)
+        )
+        return Step(q, v, u, f, free, low, high, stiffness, damping, self._body_velocity, self.dt)
 
     def _body_velocity(self, body: int) -> Array:
         """World velocity of the centre of mass, one substep behind."""
@@ -365,10 +365,15 @@ class _Runtime:
 
 def _rows(s: Step, rows: Array) -> Step:
     return Step(
-        *(
-            x[rows]
-            for x in (s.q, s.v, s.u, s.f, s.f_free, s.force_low, s.force_high, s.f_position, s.f_velocity)
-        ),
+        s.q[rows],
+        s.v[rows],
+        s.u[rows],
+        s.f[rows],
+        s.f_free[rows],
+        s.force_low[rows],
+        s.force_high[rows],
+        s.f_position[rows],
+        s.f_velocity[rows],
         lambda body: s.body_velocity(body)[rows],
         s.dt,
     )

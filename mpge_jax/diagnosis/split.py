@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.recording import Recording
-
-
-def _part(r: Recording, rows: slice, suffix: str) -> Recording:
-    cut = {k: getattr(r, k)[rows] for k in ("time", "qpos")}
-    cut |= {k: None if getattr(r, k) is None else getattr(r, k)[rows] for k in ("qvel", "ctrl", "force")}
-    return replace(r, name=r.name + suffix, **cut)
+from mpge_jax.diagnosis.recording import Recording, rows_of
 
 
 def split(
@@ -47,4 +39,6 @@ def split(
     warnings.append(
         "only one recording: its last third is held out, so the test is weaker than on another run."
     )
-    return [_part(single, slice(0, row + 1), "_first")], [_part(single, slice(row, None), "_last")], warnings
+    first = rows_of(single, slice(0, row + 1), single.name + "_first")
+    last = rows_of(single, slice(row, None), single.name + "_last")
+    return [first], [last], warnings

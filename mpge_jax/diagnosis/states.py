@@ -72,12 +72,12 @@ def estimate(
             [r.time for r in recordings], [r.qpos[:, c] for r in recordings]
         )
     qvel_noise = np.full(model.nv, np.inf)
-    with_velocity = [r for r in recordings if r.qvel is not None]
+    with_velocity = [(r.time, r.qvel) for r in recordings if r.qvel is not None]
     for d in range(model.nv):
-        level, _ = column_noise([r.time for r in with_velocity], [r.qvel[:, d] for r in with_velocity])
+        level, _ = column_noise([t for t, _ in with_velocity], [v[:, d] for _, v in with_velocity])
         if np.isfinite(level):
             qvel_noise[d] = level
-        elif any(not np.isnan(r.qvel[:, d]).all() for r in with_velocity):
+        elif any(not np.isnan(v[:, d]).all() for _, v in with_velocity):
             qvel_noise[d] = SIGMA_VELOCITY_FLOOR
     if max((r.time.size for r in recordings), default=0) < MIN_ROWS:
         warnings.append("recordings are too short to estimate noise; they are taken as nearly noise-free.")
@@ -124,6 +124,7 @@ def _check_velocities(
         ratio = []
         for r, s in zip(usable, estimates, strict=True):
             inner = slice(10, min(400, r.time.size) - 10)
+            assert r.qvel is not None
             error = r.qvel[:400, dof][inner] - s.mean[inner, 1]
             expected = s.cov[inner, 1, 1] + qvel_noise[dof] ** 2
             tolerance = (0.02 * np.std(r.qvel[:400, dof])) ** 2
@@ -167,11 +168,11 @@ def _smooth_all(
             )
             owner.append((i, column, dof))
     if series:
-        for (i, column, dof), s in zip(owner, smooth(series), strict=True):
-            states[i].qpos[:, column] = s.mean[:, 0]
-            states[i].qvel[:, dof] = s.mean[:, 1]
-            states[i].qacc[:, dof] = s.mean[:, 2]
-            states[i].cov[:, dof] = s.cov[:, :2, :2]
+        for (i, column, dof), estimate_ in zip(owner, smooth(series), strict=True):
+            states[i].qpos[:, column] = estimate_.mean[:, 0]
+            states[i].qvel[:, dof] = estimate_.mean[:, 1]
+            states[i].qacc[:, dof] = estimate_.mean[:, 2]
+            states[i].cov[:, dof] = estimate_.cov[:, :2, :2]
     for r, s in zip(recordings, states, strict=True):
         _rotations(r, s, model, noise)
     return states

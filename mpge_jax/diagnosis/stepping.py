@@ -126,8 +126,8 @@ def observe(
     f = xp.clip(free, f_low, f_high)
     if not plain.all():
         free, f = xp.where(plain, free, last_force), xp.where(plain, f, last_force)
-    wide = [xp.asarray(x) for x in (f_low, f_high, bias[:, 1], bias[:, 2])]
-    return Step(q, v, ctrl, f, free, *wide, body_velocity, dt)
+    low, high, stiffness, damping = (xp.asarray(x) for x in (f_low, f_high, bias[:, 1], bias[:, 2]))
+    return Step(q, v, ctrl, f, free, low, high, stiffness, damping, body_velocity, dt)
 
 
 def force_start(xp: Any, m: Machine, s: Step) -> tuple[Any, ...]:

@@ -192,7 +192,7 @@ def cut(
         default=1,
     )
     rows = []
-    for i, a, b in found:
+    for _, a, b in found:
         inside = np.arange(a + 1, b + 1)
         if inside.size > max_samples:
             inside = inside[np.unique(np.linspace(0, inside.size - 1, max_samples).astype(int))]

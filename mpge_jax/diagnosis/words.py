@@ -39,7 +39,7 @@ def _digits(value: float, width: float) -> str:
 def sentence(d: Diagnosis, f: Fitted, term: Term) -> str:
     from mpge_jax.diagnosis.outputs import parameters
 
-    values = {k: quantity(v) for k, v in parameters(d, f, term).items()}
+    values = {k: quantity(v) for k, v in parameters(d.ctx, f, term).items()}
     text = term.effect.sentence(term.place, values)
     return text[0].upper() + text[1:]
 
@@ -71,10 +71,10 @@ def explanation(d: Diagnosis) -> str:
         )
     before, after = d.held.before.rms, d.held.after.rms
     if d.terms:
+        span, gain = d.held.windows.times.max(), before / max(after, 1e-12)
         parts.append(
-            f"On recordings that were not used for fitting, the prediction error over {d.held.windows.times.max():.2g} s "
-            f"falls from {before:.3g} to {after:.3g} ({before / max(after, 1e-12):.1f} times less; noise alone gives "
-            f"{d.held.floor:.2g})."
+            f"On recordings that were not used for fitting, the prediction error over {span:.2g} s falls from "
+            f"{before:.3g} to {after:.3g} ({gain:.1f} times less; noise alone gives {d.held.floor:.2g})."
         )
     return " ".join(parts)
 

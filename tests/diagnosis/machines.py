@@ -18,7 +18,8 @@ ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <body name="upper"><joint name="shoulder" axis="0 1 0" damping="0.05" armature="0.01"/>
 <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1" contype="0" conaffinity="0"/>
 <body name="fore" pos="0 0 -.3"><joint name="elbow" axis="0 1 0" damping="0.03" armature="0.005"/>
-<geom type="capsule" fromto="0 0 0 0 0 -.25" size=".025" mass=".6" contype="0" conaffinity="0"/></body></body></worldbody>
+<geom type="capsule" fromto="0 0 0 0 0 -.25" size=".025" mass=".6" contype="0" conaffinity="0"/>
+</body></body></worldbody>
 <actuator><motor name="shoulder_motor" joint="shoulder"/><position name="elbow_servo" joint="elbow" kp="8" kv="0.4"/>
 </actuator></mujoco>"""
 

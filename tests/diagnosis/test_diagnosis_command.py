@@ -173,3 +173,29 @@ def test_nothing_is_found_where_nothing_is_missing():
     first, second = (diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, config) for _ in range(2))
     assert first.verdict == "none" and not first.terms
     assert first.to_json() == second.to_json()
+
+
+def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatch, capsys):
+    import mpge_jax.diagnosis.diagnosis as whole
+
+    out = tmp_path / "out"
+    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out", str(out)]
+    arguments += ["--effects", "coulomb_friction", "--jobs", "1", "--quiet"]
+
+    def interrupt(*_args):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(whole, "find_rivals", interrupt)
+        assert main(arguments) == 130
+    assert "go on" in capsys.readouterr().err
+    kept = json.loads((out / ".progress.json").read_text())
+    assert [t["id"] for t in kept["terms"]] == ["coulomb_friction"]
+
+    logs = []
+    original = whole._diagnose
+    monkeypatch.setattr(whole, "_diagnose", lambda *a: logs.append(original(*a)) or logs[-1])
+    assert main(arguments) == 0
+    assert not any(line.startswith("round 1") for line in logs[0].log)
+    assert [t.id for t in logs[0].terms] == ["coulomb_friction"]
+    assert not (out / ".progress.json").exists()

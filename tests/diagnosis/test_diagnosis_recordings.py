@@ -82,7 +82,7 @@ def test_pickles_are_never_loaded(tmp_path, arm):
 def test_unknown_csv_column_names_what_is_known(tmp_path, arm):
     path = tmp_path / "run.csv"
     path.write_text("time,qpos:wrist\n0,1\n1,2\n")
-    with pytest.raises(InputError, match="qpos:wrist.*shoulder, elbow"):
+    with pytest.raises(InputError, match=r"qpos:wrist.*shoulder, elbow"):
         read_recording(path, *arm)
 
 

@@ -57,8 +57,15 @@ TOLERANCE = {
 }
 
 
-@pytest.mark.parametrize("name", TASKS)
-@pytest.mark.parametrize("backend", ["c", "mjx"])
+@pytest.mark.parametrize(
+    ("name", "backend"),
+    [
+        *((name, "c") for name in TASKS),
+        ("InvertedPendulum", "mjx"),
+        ("Hopper", "mjx"),
+        pytest.param("HalfCheetah", "mjx", marks=pytest.mark.slow),
+    ],
+)
 def test_one_step(name, backend, theirs, start):
     case, (state, actions) = compiled(name, backend), start[name]
     if backend == "mjx":

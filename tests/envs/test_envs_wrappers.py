@@ -92,7 +92,7 @@ def test_attributes_pass_through(falling):
     )
 
 
-@pytest.mark.parametrize("name", ["InvertedPendulum", "Hopper"])
+@pytest.mark.parametrize("name", ["InvertedPendulum", pytest.param("Hopper", marks=pytest.mark.slow)])
 def test_auto_reset_scans_on_mjx(name):
     """Traced, not compiled: that takes most of the time. The pendulum has no contacts, so empty arrays to carry."""
     env = envs.AutoReset(compiled(name, "mjx").env)

@@ -144,7 +144,6 @@ class ActuatorBiasReclipped(ActuatorBias):
 
     id, order, tier, commands = "actuator_bias:reclipped", -3, 2, True
     equation = "tau = clip(u + c)"
-    fields = ()
 
     def places(self, ctx: Context) -> list[Place]:
         m = ctx.model

@@ -201,6 +201,8 @@ class Effect:
     """Whether `force` must be called each step."""
     commands = False
     """Whether it changes the command (`command`)."""
+    jagged = False
+    """Whether predictions jump with the parameters (contacts), so that the fit must also try without slopes."""
     senses = False
     """Whether it changes the measurement (`sense`)."""
     remedy: str = ""

@@ -104,8 +104,8 @@ class PayloadMass(_Inertial):
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         b = (place.index,)
-        old = [f.get(name, b) for name in self.fields]
-        new = add_point_mass(f.xp, *old, theta[..., 0], theta[..., 1:4])
+        mass, ipos, inertia, iquat = (f.get(name, b) for name in self.fields)
+        new = add_point_mass(f.xp, mass, ipos, inertia, iquat, theta[..., 0], theta[..., 1:4])
         for name, value in zip(self.fields, new, strict=True):
             f.set(name, b, value)
 
@@ -120,8 +120,8 @@ class PayloadMass(_Inertial):
 
     def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
         m, b = ctx.model, place.index
-        old = (m.body_mass[b], m.body_ipos[b], m.body_inertia[b], m.body_iquat[b])
-        new = add_point_mass(np, *(np.asarray(x) for x in old), np.asarray(theta[0]), theta[1:4])
+        mass, ipos, inertia, iquat = (np.asarray(getattr(m, name)[b]) for name in self.fields)
+        new = add_point_mass(np, mass, ipos, inertia, iquat, np.asarray(theta[0]), theta[1:4])
         set_inertial(spec, b, *new)
         return True
 

@@ -147,7 +147,7 @@ class ExternalForce(Effect):
 
 
 class _Contact(Effect):
-    kinds = ("world", "geom")
+    kinds, jagged = ("world", "geom"), True
 
     def places(self, ctx: Context) -> list[Place]:
         return super().places(ctx) if ctx.contacts else []
@@ -178,7 +178,7 @@ class ContactFriction(_Contact):
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         mu = self._nominal(ctx, place, ctx.model.geom_friction[:, 0])
-        return np.array([[0.7 * mu], [0.3 * mu], [1.4 * mu]])
+        return mu * np.array([[0.85], [0.6], [0.4], [0.25], [0.1], [1.3], [1.8]])
 
     def null(self, ctx: Context, place: Place) -> np.ndarray:
         return np.array([self._nominal(ctx, place, ctx.model.geom_friction[:, 0])])
@@ -219,7 +219,7 @@ class ContactStiffness(_Contact):
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         nominal = abs(self._nominal(ctx, place, ctx.model.geom_solref[:, 0]))
-        return np.array([[0.6 * nominal], [1.8 * nominal], [4 * nominal]])
+        return nominal * np.array([[0.5], [0.75], [1.4], [2.0], [3.0], [5.0]])
 
     def null(self, ctx: Context, place: Place) -> np.ndarray:
         return np.array([abs(self._nominal(ctx, place, ctx.model.geom_solref[:, 0]))])
