@@ -25,8 +25,9 @@ def _devices_exist() -> bool:
     return False
 
 
-# With asynchronous dispatch a callback can wait for ever for its own arguments or for Python's lock (jax issue 25861).
-# The setting is read once, when JAX makes its CPU client: at the first computation.
+# With asynchronous dispatch a callback can wait for ever for its own arguments: they are put on the device by the very
+# threads that the computation around the callback keeps busy (jax issue 25861). The setting is read once: when the
+# first computation makes JAX's CPU client.
 _MAY_HANG = jax.config.read("jax_cpu_enable_async_dispatch") and _devices_exist()
 jax.config.update("jax_cpu_enable_async_dispatch", False)
 

@@ -35,6 +35,8 @@ def source_of(name: str) -> str:
 def register(item: Task | Variant) -> None:
     """Adds a task or a variant of a registered task, for `make`.
 
+    >>> envs.register(envs.Variant("WeakHopper", "Hopper", "half the torque", action=lambda a, low, high: a / 2))
+
     Raises:
       ValueError: the name is taken, or the variant's task is unknown.
     """

@@ -11,6 +11,8 @@ import numpy as np
 from experiments.blind.marks import Mark, judge
 from experiments.blind.vocabulary import PARAMETERS
 
+REPORTING = 100  # seeds below are for building and tuning
+
 
 def load_marks(answers: Path, runs: Path) -> list[Mark]:
     """Mark every answered case that was run; raises FileNotFoundError when there is none."""
@@ -175,7 +177,7 @@ def markdown(tables: dict, marks: list[Mark]) -> str:
     """The report to read."""
     number: Callable[[float | None], str] = lambda x: "" if x is None else f"{x:.3g}"  # noqa: E731
     lines = [
-        f"# Blind benchmark: {len(marks)} of {tables['answered']} cases, seed {tables['plan'].get('seed', '?')}",
+        f"# Blind benchmark: {len(marks)} of {tables['answered']} cases, {_seed(tables['plan'].get('seed'))}",
         "",
         "| figure | mark | measured | of | |",
         "|---|---|---|---|---|",
@@ -210,6 +212,13 @@ def markdown(tables: dict, marks: list[Mark]) -> str:
             truth = " + ".join(f"{name}@{at}" for name, at in m.truth) or "nothing"
             lines.append(f"| {m.case} | {m.model} | {truth} | {_cell(m.answer)} | {m.exact:g} |")
     return "\n".join(lines) + "\n"
+
+
+def _seed(seed: int | None) -> str:
+    """The seed and what it is for."""
+    if seed is None:
+        return "seed unknown"
+    return f"seed {seed} ({'reporting' if seed >= REPORTING else 'building, not for reporting'})"
 
 
 def _cell(text: str) -> str:

@@ -9,7 +9,13 @@ from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 
 EXCLUSIVE = (
-    ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "asymmetric_friction"),
+    (
+        "coulomb_friction",
+        "stribeck_friction",
+        "load_dependent_friction",
+        "load_dependent_friction:gear",
+        "asymmetric_friction",
+    ),
     ("actuator_gain", "dead_actuator"),
     ("actuator_bias", "actuator_bias:reclipped"),
     ("backlash", "joint_flexibility"),

@@ -104,7 +104,9 @@ class CStepper:
             if self._commands is None:
                 self._commands = stepping.command_start(np, m, ctrl, dt)
             reached, self._commands = stepping.command_step(np, m, ctrl, self._commands, dt)
-            s = stepping.observe(np, m, d.qpos, d.qvel, reached, self._body_velocity, d.actuator_force, dt)
+            s = stepping.observe(
+                np, m, d.qpos, d.qvel, reached, self._body_velocity, d.actuator_force, dt, d.qfrc_bias
+            )
             if self._forces is None:
                 self._forces = stepping.force_start(np, m, s)
             applied, self._forces = stepping.force_step(np, m, s, self._forces)

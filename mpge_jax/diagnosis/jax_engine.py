@@ -99,7 +99,15 @@ class CorrectedEngine:
             return data.cvel[body, 3:] + jnp.cross(data.cvel[body, :3], arm)
 
         return stepping.observe(
-            jnp, self.machine, data.qpos, data.qvel, ctrl, body_velocity, data.actuator_force, self._dt
+            jnp,
+            self.machine,
+            data.qpos,
+            data.qvel,
+            ctrl,
+            body_velocity,
+            data.actuator_force,
+            self._dt,
+            data.qfrc_bias,
         )
 
     def _wrap(

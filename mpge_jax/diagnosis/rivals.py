@@ -9,7 +9,12 @@ from mpge_jax.diagnosis.select import TIE, Rival, Scored, Search, standard_error
 from mpge_jax.diagnosis.whiten import Whitener
 
 SPECIAL_CASES = {
-    "coulomb_friction": ("stribeck_friction", "load_dependent_friction", "asymmetric_friction"),
+    "coulomb_friction": (
+        "stribeck_friction",
+        "load_dependent_friction",
+        "load_dependent_friction:gear",
+        "asymmetric_friction",
+    ),
     "actuator_bias": ("actuator_bias:reclipped",),
     "viscous_damping": ("asymmetric_friction",),
     "dead_actuator": ("actuator_gain", "torque_saturation", "actuator_deadzone"),

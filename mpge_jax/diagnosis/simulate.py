@@ -280,6 +280,8 @@ class _Runtime:
         if self.bodies or any(g.term.place.kind == "body" for g in groups):
             self.cvel, self.xipos, self.com = (batch.bind(k) for k in ("cvel", "xipos", "subtree_com"))
             self.bodies = True
+        self.loaded = any(g.term.id == "load_dependent_friction:gear" for g in groups)
+        self.loads = batch.bind("qfrc_bias") if self.loaded else np.zeros((0, 0))
         self.gain = _expanded(batch, m, "actuator_gainprm")
         self.bias = _expanded(batch, m, "actuator_biasprm")
         self.range = _expanded(batch, m, "actuator_forcerange").copy()
@@ -324,7 +326,12 @@ class _Runtime:
             np.broadcast_to(x, shape)
             for x in (self.range[..., 0], self.range[..., 1], bias[..., 1], bias[..., 2])
         )
-        return Step(q, v, u, f, free, low, high, stiffness, damping, self._body_velocity, self.dt)
+        velocity, external = self._body_velocity, self._external
+        return Step(q, v, u, f, free, low, high, stiffness, damping, velocity, self.dt, external)
+
+    def _external(self, dof: int) -> Array:
+        """Torque of gravity and of the other links' motion on a joint, one substep behind."""
+        return -self.loads[:, dof]
 
     def _body_velocity(self, body: int) -> Array:
         """World velocity of the centre of mass, one substep behind."""
@@ -334,7 +341,7 @@ class _Runtime:
 
     def apply(self, first: bool) -> None:
         m = self.sim.model
-        if first and (self.bodies or self.last_force is not None):
+        if first and (self.bodies or self.loaded or self.last_force is not None):
             self.batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_ACC))
         s = self._step()
         self.qfrc[:] = self.push
@@ -376,6 +383,7 @@ def _rows(s: Step, rows: Array) -> Step:
         s.f_velocity[rows],
         lambda body: s.body_velocity(body)[rows],
         s.dt,
+        lambda dof: s.external(dof)[rows],
     )
 
 

@@ -94,7 +94,15 @@ def command_step(
 
 
 def observe(
-    xp: Any, m: Machine, q: Array, v: Array, ctrl: Array, body_velocity: Any, last_force: Array, dt: float
+    xp: Any,
+    m: Machine,
+    q: Array,
+    v: Array,
+    ctrl: Array,
+    body_velocity: Any,
+    last_force: Array,
+    dt: float,
+    bias_force: Array,
 ) -> Step:
     """What the equations may read, for one machine."""
     model = m.model
@@ -127,7 +135,11 @@ def observe(
     if not plain.all():
         free, f = xp.where(plain, free, last_force), xp.where(plain, f, last_force)
     low, high, stiffness, damping = (xp.asarray(x) for x in (f_low, f_high, bias[:, 1], bias[:, 2]))
-    return Step(q, v, ctrl, f, free, low, high, stiffness, damping, body_velocity, dt)
+
+    def external(dof: int) -> Array:
+        return -bias_force[dof]
+
+    return Step(q, v, ctrl, f, free, low, high, stiffness, damping, body_velocity, dt, external)
 
 
 def force_start(xp: Any, m: Machine, s: Step) -> tuple[Any, ...]:

@@ -50,10 +50,11 @@ def start():
     return {name: build(name) for name in TASKS}
 
 
-# MJX solves the same equations in float32, contacts included.
+# MJX solves the same equations in float32, contacts included. Largest differences between the two engines' observations
+# over 256 states of random episodes: PENDULUM, 2e-5 (Hopper), 4e-4 (HalfCheetah; 2e-4 of the value).
 TOLERANCE = {
     "c": dict.fromkeys(TASKS, 2e-6),
-    "mjx": {"InvertedPendulum": 1e-5, "Hopper": 1e-3, "HalfCheetah": 1e-2},
+    "mjx": {"InvertedPendulum": 1e-5, "Hopper": 1e-4, "HalfCheetah": 1e-3},
 }
 
 

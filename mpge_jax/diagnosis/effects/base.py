@@ -123,6 +123,10 @@ def nominal_context(model: mujoco.MjModel, period: float = 0.01) -> Context:
     )
 
 
+def _nothing(_dof: int) -> Array:
+    return 0.0
+
+
 @dataclass
 class Step:
     """What the equations may read at one step.
@@ -133,7 +137,7 @@ class Step:
         f_free: the same before the clip to [force_low, force_high].
         f_position, f_velocity: [..., nu] derivatives of f by the actuator's length and velocity (servo gains).
         body_velocity: callable body -> [..., 3] world velocity of the body's centre of mass.
-        dt: s.
+        dt: s. external: callable dof -> [...] torque of gravity and of the other links' motion on that joint.
     """
 
     q: Array
@@ -147,6 +151,7 @@ class Step:
     f_velocity: Array
     body_velocity: Callable[[int], Array]
     dt: float
+    external: Callable[[int], Array] = _nothing
 
 
 @dataclass

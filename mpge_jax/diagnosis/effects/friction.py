@@ -155,6 +155,27 @@ class LoadDependentFriction(_Dry):
 
 
 @register
+class GearLoadFriction(LoadDependentFriction):
+    """The second form: the gear carries the motor's torque against that of gravity and the other links."""
+
+    id = "load_dependent_friction:gear"
+    equation = "-(Fc + Kl |motor torque - external torque|) sgn v"
+
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        motor = sum(s.f[..., a] * g for a, g in _drives(ctx, place))
+        load = motor - s.external(ctx.dof(place))
+        return Forces(dry=theta[..., 0] + theta[..., 1] * xp.abs(load)), memory
+
+    def sentence(self, place: Place, values: dict[str, Any]) -> str:
+        return (
+            f"The gear of the {place.name} has dry friction of {values['coulomb']} plus {values['load_coefficient']} "
+            "times the torque between motor and load (motor torque less external torque)."
+        )
+
+
+@register
 class AsymmetricFriction(_Dry):
     id, tier, runtime = "asymmetric_friction", 2, True
     equation = "Fc and b each with a value for v > 0 and for v < 0"
