@@ -12,7 +12,7 @@ PACKAGES = ("envs", "mpge_jax", "experiments")
 # The lower layers of `mpge_jax`, parts before learners. A module may import those of the layers before its
 # own and nothing else of this project. One not named here is an algorithm: it may import them, and `envs`.
 LAYERS = (
-    {"buffer", "distributions", "networks", "normalise", "policy_gradient", "progress"},
+    {"buffer", "distributions", "files", "networks", "normalise", "policy_gradient", "progress"},
     {"discriminator", "loop", "ppo", "sac", "transformer", "trpo", "value"},
 )
 
@@ -31,9 +31,16 @@ def module_files(root: Path = ROOT) -> dict[str, Path]:
 
 
 def imports_of(module: str, source: str, *, is_package: bool, known: frozenset[str]) -> set[str]:
-    """The modules among `known` that `source` names in an import, those inside of functions included."""
+    """The modules among `known` that `source` names in an import, those inside of functions included.
+
+    What stands under `if TYPE_CHECKING:` does not count: no program ever runs it.
+    """
     found = set()
-    for node in ast.walk(ast.parse(source)):
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            node.body = []
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             targets = [(alias.name, None) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

@@ -50,6 +50,22 @@ def load(path: Path) -> dict[str, Any]:
     return data["columns"]
 
 
+def csv_places(model: mujoco.MjModel, names: Names) -> dict[tuple[str, str], int]:
+    places: dict[tuple[str, str], int] = {}
+    for j, joint in enumerate(names.joints):
+        for key, start, total, table in (
+            ("qpos", int(model.jnt_qposadr[j]), model.nq, model.jnt_qposadr),
+            ("qvel", int(model.jnt_dofadr[j]), model.nv, model.jnt_dofadr),
+        ):
+            end = int(table[j + 1]) if j + 1 < model.njnt else total
+            for i in range(start, end):
+                places[key, joint if end - start == 1 else f"{joint}:{i - start}"] = i
+    for a, actuator in enumerate(names.actuators):
+        places["ctrl", actuator] = a
+        places["actuator_force", actuator] = a
+    return places
+
+
 def raw_columns(path: Path) -> dict[str, np.ndarray]:
     """Every column of a file by its own title, before any meaning is given to it."""
     if path.suffix.lower() == ".csv":
@@ -77,9 +93,8 @@ def apply(
     Raises:
         InputError: an entry names nothing in the file or in the model, or is malformed.
     """
-    from mpge_jax.diagnosis.reader import _csv_places
 
-    raw, places, out = raw_columns(path), _csv_places(model, names), dict(data)
+    raw, places, out = raw_columns(path), csv_places(model, names), dict(data)
     widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu, "actuator_force": model.nu}
     for target, entry in columns.items():
         entry = {"from": entry} if isinstance(entry, str) else entry

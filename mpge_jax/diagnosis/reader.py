@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.mapping import apply, csv_places
 from mpge_jax.diagnosis.model import Names
 from mpge_jax.diagnosis.recording import Recording, chain_transitions, validate
 
@@ -61,7 +62,7 @@ def read_csv(path: Path, model: mujoco.MjModel, names: Names) -> dict[str, np.nd
     if table.ndim != 2 or table.shape[1] != len(header):
         raise InputError(f"{path.name}: rows do not all have the {len(header)} columns of the header.")
     out = {"qpos": np.full((len(table), model.nq), np.nan)}
-    places = _csv_places(model, names)
+    places = csv_places(model, names)
     for column, title in enumerate(header):
         if title == "time":
             out["time"] = table[:, column]
@@ -78,30 +79,12 @@ def read_csv(path: Path, model: mujoco.MjModel, names: Names) -> dict[str, np.nd
     return out
 
 
-def _csv_places(model: mujoco.MjModel, names: Names) -> dict[tuple[str, str], int]:
-    places: dict[tuple[str, str], int] = {}
-    for j, joint in enumerate(names.joints):
-        for key, start, total, table in (
-            ("qpos", int(model.jnt_qposadr[j]), model.nq, model.jnt_qposadr),
-            ("qvel", int(model.jnt_dofadr[j]), model.nv, model.jnt_dofadr),
-        ):
-            end = int(table[j + 1]) if j + 1 < model.njnt else total
-            for i in range(start, end):
-                places[key, joint if end - start == 1 else f"{joint}:{i - start}"] = i
-    for a, actuator in enumerate(names.actuators):
-        places["ctrl", actuator] = a
-        places["actuator_force", actuator] = a
-    return places
-
-
 def read_recording(
     path: Path, model: mujoco.MjModel, names: Names, columns: Mapping[str, object] | None = None
 ) -> Recording:
     """Read and check one file. `columns` renames and converts (see `mapping.apply`)."""
     data = read_csv(path, model, names) if path.suffix.lower() == ".csv" else read_npz(path)
     if columns:
-        from mpge_jax.diagnosis.mapping import apply
-
         data = apply(path, data, columns, model, names)
     for key in ("time", "qpos"):
         if key not in data:

@@ -80,7 +80,6 @@ class Search:
     seed: int = 0
     say: Callable[[str], None] = lambda _text: None
     max_terms: int = 6
-    whites: tuple[Whitener, Whitener] | None = None
     log: list[str] = field(default_factory=list)
     keep: Callable[[Fitted], None] = lambda _fit: None
     resume: Fitted | None = None
@@ -126,7 +125,6 @@ class Search:
         if base.hypothesis.terms and (
             not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)
         ):
-            self.whites = whites
             return [], self.score([base], whites)[0]
         fits = fit(self.sim, _with_simpler(screened, keep), self.train, whites[0], iterations=4)
         fits.sort(key=lambda f: f.loss)
@@ -138,7 +136,6 @@ class Search:
             whites = self.whiten(fits[0])
             fits = fit(self.sim, fits[: keep - 2], self.train, whites[0], iterations=4)
             fits.sort(key=lambda f: f.loss)
-        self.whites = whites
         scored = self.score([*fits, base], whites)
         ranked = sorted(scored[:-1], key=lambda s: s.losses.mean())
         return ranked, scored[-1]
@@ -275,7 +272,6 @@ def _second_round(s: Search, chosen: Scored, beam: list[Scored]) -> tuple[Fitted
     fits = sorted(fit(s.sim, fits, s.train, whites[0], iterations=4), key=lambda f: f.loss)[:5]
     whites = s.whiten(fits[0])
     fits = fit(s.sim, fits, s.train, whites[0], iterations=4)
-    s.whites = whites
     scored = s.score([*fits, chosen.fit], whites)
     ranked = sorted(scored[:-1], key=lambda r: r.losses.mean())
     winner = s.choose(ranked)

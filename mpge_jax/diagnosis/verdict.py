@@ -10,7 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.fit import Fitted
 from mpge_jax.diagnosis.model import floating_base_joints
 from mpge_jax.diagnosis.simulate import Run, Simulator
-from mpge_jax.diagnosis.whiten import Whitener, robust_loss
+from mpge_jax.diagnosis.whiten import Whitener
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
@@ -84,7 +84,3 @@ def excess_by_dof(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> tup
 def active_dofs(model: mujoco.MjModel) -> list[int]:
     base = floating_base_joints(model)
     return [d for d in range(model.nv) if int(model.dof_jntid[d]) not in base]
-
-
-def relative_loss(x: Array) -> float:
-    return float(robust_loss(x).mean())
