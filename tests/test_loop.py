@@ -104,6 +104,15 @@ def test_an_error_in_an_iteration_leaves_the_checkpoints_before_it(tmp_path):
     assert_same_bits(looped(6, tmp_path), looped(6))
 
 
+@pytest.fixture
+def handled_by_python():
+    """Python's own handling of Ctrl-C, which a process started in the background does without."""
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, previous)
+
+
+@pytest.mark.usefixtures("handled_by_python")
 @pytest.mark.parametrize("moment", ["before", "after", "note"])
 def test_ctrl_c_saves_the_iteration_that_it_fell_into(tmp_path, moment):
     seen = []
@@ -136,6 +145,7 @@ def test_ctrl_c_saves_the_iteration_that_it_fell_into(tmp_path, moment):
     assert len(seen) == 6
 
 
+@pytest.mark.usefixtures("handled_by_python")
 def test_a_second_ctrl_c_stops_at_once():
     def twice(state):
         signal.raise_signal(signal.SIGINT)

@@ -51,10 +51,10 @@ def start():
 
 
 # MJX solves the same equations in float32, contacts included. Largest differences between the two engines' observations
-# over 256 states of random episodes: PENDULUM, 2e-5 (Hopper), 4e-4 (HalfCheetah; 2e-4 of the value).
+# over 256 states of random episodes: 4e-5 (InvertedPendulum), 2e-5 (Hopper), 4e-4 (HalfCheetah; 2e-4 of the value).
 TOLERANCE = {
     "c": dict.fromkeys(TASKS, 2e-6),
-    "mjx": {"InvertedPendulum": 1e-5, "Hopper": 1e-4, "HalfCheetah": 1e-3},
+    "mjx": {"InvertedPendulum": 1e-4, "Hopper": 1e-4, "HalfCheetah": 1e-3},
 }
 
 
@@ -63,8 +63,7 @@ TOLERANCE = {
     [
         *((name, "c") for name in TASKS),
         ("InvertedPendulum", "mjx"),
-        ("Hopper", "mjx"),
-        pytest.param("HalfCheetah", "mjx", marks=pytest.mark.slow),
+        *(pytest.param(name, "mjx", marks=pytest.mark.slow) for name in TASKS[1:]),
     ],
 )
 def test_one_step(name, backend, theirs, start):
