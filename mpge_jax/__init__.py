@@ -1,5 +1,6 @@
-"""MPGE in JAX: grounding a simulator in a target's dynamics, and policies that carry over."""
+"""MPGE in JAX: grounding a simulator in a target's dynamics, policies that carry over, and what the simulator lacks."""
 
+from mpge_jax.diagnosis import diagnose
 from mpge_jax.ensemble import ground, ground_ensemble, invert_ensemble
 from mpge_jax.grounded_env import GroundedEnv
 from mpge_jax.grounding import GroundingConfig
@@ -13,6 +14,7 @@ __all__ = [
     "InversionConfig",
     "PolicySet",
     "TargetLog",
+    "diagnose",
     "ground",
     "ground_ensemble",
     "invert_ensemble",

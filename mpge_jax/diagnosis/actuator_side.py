@@ -233,7 +233,7 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
     Args:
         nominal: the model as given (commands in). ids: effects to try.
     """
-    from mpge_jax.diagnosis.outputs import number, parameters
+    from mpge_jax.diagnosis.parameters import number, parameters
 
     together = p.train_sources + p.held_sources
     if not p.measured.any() or any(s.recording.ctrl is None for s in together):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.whiten import column_scale
 from mpge_jax.diagnosis.windows import Windows
@@ -63,14 +66,11 @@ def proposals(low: Array, high: Array, time: Array, rng: np.random.Generator) ->
     return out
 
 
-def design(d: Diagnosis, path: Path) -> dict[str, object] | None:
-    """Write the command sequence that best separates the candidates of every ambiguous effect.
+def design(d: Diagnosis, groups: Mapping[Term, list[Fitted]], path: Path) -> dict[str, object] | None:
+    """Write the command sequence that best separates the candidates of every ambiguous effect, `groups`.
 
     Returns what was found, or None when there is nothing to separate or no command inside the limits does.
     """
-    from mpge_jax.diagnosis.outputs import candidates_of
-
-    groups = candidates_of(d)
     m = d.prepared.model
     path.unlink(missing_ok=True)
     if not groups or m.nu == 0 or d.prepared.measured.any():

@@ -37,7 +37,7 @@ def _digits(value: float, width: float) -> str:
 
 
 def sentence(d: Diagnosis, f: Fitted, term: Term) -> str:
-    from mpge_jax.diagnosis.outputs import parameters
+    from mpge_jax.diagnosis.parameters import parameters
 
     values = {k: quantity(v) for k, v in parameters(d.ctx, f, term).items()}
     text = term.effect.sentence(term.place, values)
@@ -46,7 +46,7 @@ def sentence(d: Diagnosis, f: Fitted, term: Term) -> str:
 
 def explanation(d: Diagnosis) -> str:
     """What a technician needs to know, in a few sentences."""
-    from mpge_jax.diagnosis.outputs import candidates_of
+    from mpge_jax.diagnosis.parameters import candidates_of
 
     parts: list[str] = []
     ambiguous = candidates_of(d)
