@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mpge_jax import files
 from mpge_jax.diagnosis.fit import Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.parameters import candidates_of, number, parameters
@@ -155,14 +156,8 @@ def write(d: Diagnosis, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     d.experiment = design(d, candidates_of(d), folder / "next_experiment.npz")
     table = diagnosis_table(d)
-    _write_text(folder / "effects.json", json.dumps(effects_table(d), indent=1, allow_nan=False))
-    _write_text(folder / "corrected.xml", corrected_xml(d))
+    files.write_text(folder / "effects.json", json.dumps(effects_table(d), indent=1, allow_nan=False))
+    files.write_text(folder / "corrected.xml", corrected_xml(d))
     figures = draw(d, folder / "figures")
-    _write_text(folder / "report.html", page(d, table, figures))
-    _write_text(folder / "diagnosis.json", json.dumps(table, indent=1, allow_nan=False))
-
-
-def _write_text(path: Path, text: str) -> None:
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    files.write_text(folder / "report.html", page(d, table, figures))
+    files.write_text(folder / "diagnosis.json", json.dumps(table, indent=1, allow_nan=False))
