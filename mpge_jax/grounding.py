@@ -2,11 +2,12 @@
 
 Rollout policies act in the simulator through pi_g(delta | s, a); a discriminator D(s, a, s') shared by all of them
 tells these transitions from the target's; pi_g follows the reward -log D by TRPO or PPO, with gamma = 0, so that the
-advantage is r - V_k(s, a).
+advantage is r - V_k(s, a), or, where several draws branch off from one state, r less the mean reward of the others.
 
 `init` and `update` are pure. Train N transformers, each with its own log, policies and key, by `jax.vmap` over both.
 
-Shapes: `B` parallel environments, `T` steps an iteration, `K` rollout policies, `O` observation, `A` action size.
+Shapes: `B` parallel environments, `T` steps an iteration, `J` branches, `K` rollout policies, `O` observation, `A`
+action size.
 """
 
 import types
@@ -35,7 +36,10 @@ class GroundingConfig:
 
     Attributes:
       num_envs: parallel copies of the simulator, B.
-      steps_per_iteration: steps of each in one iteration, T; B * T is the batch of one policy update.
+      steps_per_iteration: steps of each in one iteration, T; B * T * J is the batch of one policy update.
+      branches: draws of pi_g at every state, J; each is simulated one step and the first is followed. Beyond 1, the
+        "vine" of TRPO (Schulman et al., 2015, section 5.2), exact here because gamma = 0: the baseline of a draw is
+        the mean reward of its siblings, which no error of a value function blurs, and the values are not learned.
       iterations: outer iterations.
       transformer: the policy pi_g.
       policy: how it is updated.
@@ -54,6 +58,7 @@ class GroundingConfig:
 
     num_envs: int = 64
     steps_per_iteration: int = 32
+    branches: int = 1
     iterations: int = 1000
     transformer: TransformerConfig = field(default_factory=TransformerConfig)
     policy: TRPOConfig | PPOConfig = field(default_factory=TRPOConfig)
@@ -73,6 +78,7 @@ class GroundingConfig:
         names = (
             "num_envs",
             "steps_per_iteration",
+            "branches",
             "iterations",
             "discriminator_updates",
             "discriminator_batch",
@@ -94,7 +100,7 @@ class GroundingConfig:
     @property
     def batch_size(self) -> int:
         """Environment steps of one iteration."""
-        return self.num_envs * self.steps_per_iteration
+        return self.num_envs * self.steps_per_iteration * self.branches
 
     def value(self, policies: int) -> ValueConfig:
         """Configuration of the value functions of `policies` rollout policies."""
@@ -202,15 +208,19 @@ def update(
     rewards = discriminator.reward(judge, grounded, config.discriminator)
 
     inputs = transformer.network_inputs(state.transformer, rows.observation, rows.action)
-    value_config = config.value(log.count.shape[0])
-    values = value.predict(state.value.params, inputs, rows.rollout_policy, value_config)
     # gamma = 0: the return is the reward.
-    batch = PolicyBatch(inputs, rows.delta, rows.log_prob, rewards - values)
+    if config.branches > 1:
+        heads, value_metrics = state.value, Metrics()
+        advantages = _less_siblings(rewards, config)
+    else:
+        value_config = config.value(log.count.shape[0])
+        advantages = rewards - value.predict(state.value.params, inputs, rows.rollout_policy, value_config)
+        heads, value_metrics = value.update(
+            state.value, inputs, rows.rollout_policy, rewards, key_value, value_config
+        )
+    batch = PolicyBatch(inputs, rows.delta, rows.log_prob, advantages)
     policy, policy_metrics = _algorithm(config).update(
         state.policy, batch, key_policy, transformer.apply, config.policy
-    )
-    heads, value_metrics = value.update(
-        state.value, inputs, rows.rollout_policy, rewards, key_value, value_config
     )
     decay = config.averaging
     state = state.replace(
@@ -227,6 +237,13 @@ def update(
     metrics |= value_metrics
     metrics |= {"reward": jnp.mean(rewards), "log_std": jnp.mean(policy.params["log_std"])}
     return state, metrics
+
+
+def _less_siblings(rewards: jax.Array, config: GroundingConfig) -> jax.Array:
+    """Rewards `[T * J * B]` less the mean of the other draws at the same state."""
+    of_state = rewards.reshape(config.steps_per_iteration, config.branches, config.num_envs)
+    others = (jnp.sum(of_state, axis=1, keepdims=True) - of_state) / (config.branches - 1)
+    return (of_state - others).reshape(-1)
 
 
 class _Rows(flax.struct.PyTreeNode):
@@ -253,10 +270,16 @@ def _collect(
         keys = jax.random.split(key_act, policies.action_scale.shape[0])
         offers = jax.vmap(lambda actor, k: sac.act(actor, obs, k, config.rollout))(policies, keys)
         action = offers[which, every]
-        delta, log_prob = transformer.sample(pi_g, key_delta, obs, action)
-        executed = transformer.transform(delta, action, low, high)
-        after = jax.vmap(env.step)(env_state, executed)
-        row = _Rows(obs, action, after.info["next_obs"], delta, log_prob, which)
+        # A branch is a copy of the whole row of simulators; the first is the one that goes on.
+        branched = jax.tree.map(
+            lambda x: jnp.broadcast_to(x, (config.branches, *x.shape)), (env_state, obs, action, which)
+        )
+        _, at, asked, _ = branched
+        delta, log_prob = transformer.sample(pi_g, key_delta, at, asked)
+        executed = transformer.transform(delta, asked, low, high)
+        every_after = jax.vmap(jax.vmap(env.step))(branched[0], executed)
+        row = _Rows(at, asked, every_after.info["next_obs"], delta, log_prob, branched[3])
+        after = jax.tree.map(lambda x: x[0], every_after)
         ended = after.done > 0
         if config.restart_steps:
             ended = ended | (after.info["steps"] >= config.restart_steps)
@@ -269,8 +292,9 @@ def _collect(
         return carry, row
 
     keys = jax.random.split(key, config.steps_per_iteration)
+    # Rows [T, J, B, ...].
     (env_state, which), rows = jax.lax.scan(body, (state.env_state, state.rollout_policy), keys)
-    return env_state, which, jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), rows)
+    return env_state, which, jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), rows)
 
 
 def _start(key: jax.Array, env: Env, log: TargetLog, config: GroundingConfig) -> tuple[State, jax.Array]:

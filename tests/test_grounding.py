@@ -363,3 +363,38 @@ def test_grounding_finds_the_skew_of_the_pendulum():
     assert curve["error_uniform"][0] > 1.1
     assert curve["error_own"][-1] < 0.65
     assert float(transform_error.in_rollouts(jax.random.key(2), pi_g, env, truth)) < 0.75
+
+
+def test_branches_share_their_state_and_the_first_is_followed():
+    config = dataclasses.replace(CONFIG, branches=3)
+    env, log = small.env(SOURCE), small.log()
+    actors = small.policy_set().actor
+
+    @jax.jit
+    def run(key):
+        state = grounding.init(key, env, actors, log, config)
+        return grounding._collect(jax.random.key(1), state, env, actors, log, config)[2]
+
+    rows = jax.tree.map(
+        lambda x: np.asarray(x).reshape(config.steps_per_iteration, 3, config.num_envs, *x.shape[1:]),
+        run(jax.random.key(0)),
+    )
+    for shared in (rows.observation, rows.action, rows.rollout_policy):
+        np.testing.assert_array_equal(shared, np.repeat(shared[:, :1], 3, axis=1))
+    assert (rows.delta[:, 0] != rows.delta[:, 1]).all() and (rows.delta[:, 1] != rows.delta[:, 2]).all()
+    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), rows)
+    executed = np.clip(flat.action + np.clip(flat.delta, -6.0, 6.0), LOW, HIGH)
+    reached = small.step_from(SOURCE, flat.observation, executed)
+    np.testing.assert_allclose(flat.next_observation, reached, atol=2e-5)
+    fell = np.abs(rows.next_observation[:-1, 0, :, 1]) > 0.2
+    kept = (rows.observation[1:, 0] == rows.next_observation[:-1, 0]).all(axis=-1)
+    assert fell.any()
+    np.testing.assert_array_equal(kept, ~fell)
+
+
+def test_the_advantage_of_a_branch_is_over_its_siblings():
+    config = dataclasses.replace(CONFIG, num_envs=2, steps_per_iteration=1, branches=3, value_minibatch=1)
+    rewards = jnp.array([1.0, 10.0, 2.0, 10.0, 6.0, 40.0])  # [J, B]
+    # Environment 0: 1 - (2 + 6) / 2, 2 - (1 + 6) / 2, 6 - (1 + 2) / 2; environment 1 likewise.
+    expected = [-3.0, -15.0, -1.5, -15.0, 4.5, 30.0]
+    np.testing.assert_allclose(grounding._less_siblings(rewards, config), expected)
