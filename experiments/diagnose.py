@@ -52,16 +52,27 @@ def _config(args: argparse.Namespace) -> Config:
         raise InputError(str(error)) from None
 
 
+def _check_out(out: Path) -> None:
+    """Refuse, before the search and without making it, a folder that cannot be written."""
+    folder = next(p for p in (out, *out.absolute().parents) if p.exists() or p.is_symlink())
+    if not folder.is_dir():
+        raise InputError(f"--out {out} cannot be a folder, because {folder} is a file; give another one.")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"--out {out} cannot be written: no permission in {folder}; give another folder.")
+
+
 def main(argv: list[str] | None = None) -> int:
     """Exit status: 0 with a verdict, 2 for bad input, 130 when interrupted."""
     args = parser().parse_args(argv)
     try:
         columns = None if args.map is None else load(args.map)
         config = _config(args)
-        if args.out.exists() and not args.out.is_dir():
-            raise InputError(f"--out {args.out} is a file; give a folder.")
+        _check_out(args.out)
         result = diagnose(args.model, args.recordings, config, columns, args.out / ".progress.json")
-        result.write(args.out)
+        try:
+            result.write(args.out)
+        except OSError as error:
+            raise InputError(f"cannot write to --out {args.out}: {error.strerror or error}.") from None
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

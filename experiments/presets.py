@@ -114,6 +114,20 @@ def _fast(iterations: int, log_std: float, updates: int, random_steps: int, valu
     return TaskSettings(grounding, _fast_agent(updates, random_steps), updates)
 
 
+def _branched(iterations: int, log_std: float, updates: int, random_steps: int) -> TaskSettings:
+    # Eight draws of pi_g at each of 256 states: without the noise of a value function every trust-region step counts,
+    # and D, which now lags behind, gets more updates and a softer penalty.
+    settings = _fast(iterations, log_std, updates, random_steps, value_lr=1e-3)
+    grounding = replace(
+        settings.grounding,
+        steps_per_iteration=4,
+        branches=8,
+        discriminator=DiscriminatorConfig(learning_rate=1e-3, penalty_coefficient=1.0),
+        discriminator_updates=30,
+    )
+    return replace(settings, grounding=grounding)
+
+
 def _paper_agent(random_steps: int, capacity: int = 1_000_000) -> AgentConfig:
     return AgentConfig(
         num_envs=1,
@@ -151,7 +165,7 @@ STANDARD = Preset(
     tasks={
         "InvertedPendulum": _fast(300, -0.5, 6_144, 1_000, 3e-4),
         "Hopper": _fast(700, -1.5, 12_288, 1_000, 1e-3),
-        "HalfCheetah": _fast(700, -1.5, 12_288, 10_000, 1e-3),
+        "HalfCheetah": _branched(700, -1.5, 12_288, 10_000),
     },
 )
 

@@ -139,7 +139,8 @@ def budgets(identity: dict[str, Any]) -> str:
     if settings is None:
         return f"Budget: {shared}."
     grounding, agent = settings["grounding"], settings["agent"]
-    batch = grounding["num_envs"] * grounding["steps_per_iteration"]
+    # Sweeps from before branches were a setting have none.
+    batch = grounding["num_envs"] * grounding["steps_per_iteration"] * grounding.get("branches", 1)
     return (
         f"Budget: {grounding['iterations']:,} grounding iterations of {batch:,} simulator steps for each transformer, "
         f"{settings['agent_updates']:,} SAC updates of batch {agent['sac']['batch_size']} for each agent, {shared}."

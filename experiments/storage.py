@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import io
 import json
 import os
 import platform
@@ -145,13 +146,11 @@ class SweepFolder:
         """`results.csv` and `results.json` of all rows, and `results.md`."""
         rows = self.rows()
         names = list(dict.fromkeys(name for row in rows for name in row))
-        path = self.path / "results.csv"
-        partial = path.with_name("results.csv.partial")
-        with partial.open("w", newline="") as file:
-            writer = csv.DictWriter(file, names)
-            writer.writeheader()
-            writer.writerows(rows)
-        os.replace(partial, path)
+        table = io.StringIO(newline="")
+        writer = csv.DictWriter(table, names, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        files.write_text(self.path / "results.csv", table.getvalue())
         record = json.loads((self.path / "sweep.json").read_text())
         files.write_text(self.path / "results.json", json.dumps({**record, "rows": rows}, indent=1))
         files.write_text(self.path / "results.md", markdown)

@@ -131,11 +131,13 @@ class ActuatorSide:
     sentences: list[str] = field(default_factory=list)
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def export(self, spec: mujoco.MjSpec) -> None:
-        """Add native forms to a compiled spec."""
-        for f in self.fits:
-            for term, theta in f.hypothesis.split(self.ctx, f.theta).items():
-                term.effect.export(spec, self.ctx, term.place, theta)
+    def export(self, spec: mujoco.MjSpec) -> dict[Term, bool]:
+        """Add native forms to a compiled spec; returns which effects have one."""
+        return {
+            term: term.effect.export(spec, self.ctx, term.place, theta)
+            for f in self.fits
+            for term, theta in f.hypothesis.split(self.ctx, f.theta).items()
+        }
 
 
 @dataclass
@@ -290,7 +292,6 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
                     "at": place.name,
                     "kind": "actuator",
                     "parameters": values,
-                    "native": False,
                 }
             )
             from mpge_jax.diagnosis.words import quantity

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from mpge_jax.diagnosis.coarse import states_as_measured
 from mpge_jax.diagnosis.fit import Fitted
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.recording import Recording
+from mpge_jax.diagnosis.rotations import integrate
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.states import estimate
-from mpge_jax.diagnosis.whiten import numerics, robust_loss, whitener
+from mpge_jax.diagnosis.whiten import column_scale, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.windows import Source, Windows, cut
 
 Array = np.ndarray
@@ -33,6 +35,8 @@ def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> tuple[float, float]
         return 1.0, 0.05
     noise, states, _ = estimate(segments, sim.model, prepared.names)
     noise = replace(noise, qpos=prepared.noise.qpos, qvel=prepared.noise.qvel)
+    if prepared.noise.direct:
+        states = states_as_measured(segments, sim.model, noise)
     sources = tuple(Source.build(r, s, r.known("ctrl")) for r, s in zip(segments, states, strict=True))
     duration = min(prepared.config.decide_s, 0.45 * SEGMENT)
     cuts = cut(sources, sim.model, noise, duration, 2 * limit, prepared.dt, rng)
@@ -51,13 +55,13 @@ def _simulated(prepared: Prepared, f: Fitted, w: Windows, rng: np.random.Generat
     residual = prepared.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
     out = []
     noise = prepared.noise
+    scale = column_scale(noise, m)[: m.nv]
+    scale = np.where(np.isfinite(scale), scale, 0.0)
     for k in range(w.count):
         n = int(w.seen[k].sum())
-        columns = _columns(m)
-        qpos = w.qpos[k, :n].copy()
-        for q, d in columns:
-            qpos[:, q] = w.qpos[k, :n, q] - residual[k, :n, d]
-            qpos[:, q] += noise.qpos[q] * rng.standard_normal(n)
+        # tangent vectors from the measured to the simulated position, with fresh noise; unmeasured columns stay so
+        change = np.nan_to_num(-residual[k, :n, : m.nv]) + scale * rng.standard_normal((n, m.nv))
+        qpos = integrate(m, w.qpos[k, :n], change)
         velocity = None
         if np.isfinite(w.qvel[k, :n]).any():
             velocity = w.qvel[k, :n] - residual[k, :n, m.nv :]
@@ -70,9 +74,3 @@ def _simulated(prepared: Prepared, f: Fitted, w: Windows, rng: np.random.Generat
         ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
         out.append(Recording(f"calibration_{k}", time, qpos, velocity, ctrl if m.nu else np.zeros((n, 0))))
     return out
-
-
-def _columns(m) -> list[tuple[int, int]]:
-    from mpge_jax.diagnosis.model import scalar_joints
-
-    return [(int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])) for j in scalar_joints(m)]

@@ -14,6 +14,7 @@ import numpy as np
 from mpge_jax.diagnosis import stepping
 from mpge_jax.diagnosis.effects.base import REGISTRY, find_place, nominal_context
 from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.export import CORRECTED, NOMINAL
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, load_spec
 from mpge_jax.diagnosis.stepping import Machine
@@ -55,12 +56,30 @@ class CorrectedModel:
 
     @staticmethod
     def load(model: str | Path | mujoco.MjSpec, effects_json: str | Path) -> CorrectedModel:
-        """Rebuild from the nominal model's file and an `effects.json`."""
-        try:
-            table = json.loads(Path(effects_json).read_text(encoding="utf-8"))
-            return CorrectedModel.build(model, table["effects"])
-        except (OSError, KeyError, json.JSONDecodeError) as error:
-            raise InputError(f"cannot read {Path(effects_json).name}: {error}.") from None
+        """Rebuild from the nominal model's file and an `effects.json`.
+
+        Raises:
+            InputError: a file cannot be read, or the model is the `corrected.xml` beside the table, in which the
+                native effects are already.
+        """
+        path = Path(effects_json)
+        effects = _read_table(path)["effects"]
+        if isinstance(model, str | Path) and Path(model).resolve() == path.resolve().with_name(CORRECTED):
+            raise InputError(
+                f"{CORRECTED} holds the native effects already and {path.name} would add them again; give the "
+                f"nominal model ({NOMINAL})."
+            )
+        return CorrectedModel.build(model, effects)
+
+    @staticmethod
+    def from_folder(folder: str | Path) -> CorrectedModel:
+        """Rebuild from the folder that a diagnosis wrote: the model that `effects.json` names, with all effects.
+
+        Raises:
+            InputError: a file cannot be read.
+        """
+        path = Path(folder) / "effects.json"
+        return CorrectedModel.load(path.parent / _read_table(path)["model"], path)
 
     def c_stepper(self) -> CStepper:
         """The machine in MuJoCo's C engine."""
@@ -71,6 +90,19 @@ class CorrectedModel:
         from mpge_jax.diagnosis.jax_engine import CorrectedEngine
 
         return CorrectedEngine(self.machine)
+
+
+def _read_table(path: Path) -> dict[str, Any]:
+    """An `effects.json`."""
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(table["effects"], list) or not isinstance(table["model"], str):
+            raise KeyError("effects")
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"cannot read {path.name} ({error}); give the file that a diagnosis wrote."
+        ) from None
+    return dict(table)
 
 
 class CStepper:

@@ -103,10 +103,15 @@ class Diagnosis:
         return effects_table(self)
 
     def corrected_env(self, task: str | None = None) -> Any:
-        """The corrected machine for policy learning; see `corrected.CorrectedModel`."""
+        """The corrected machine (`corrected.CorrectedModel`); with the name of a task, that task's `envs.Env` in it."""
         from mpge_jax.diagnosis.corrected import CorrectedModel
 
-        return CorrectedModel.build(self.prepared.spec, self.effects()["effects"])
+        corrected = CorrectedModel.build(self.prepared.spec, self.effects()["effects"])
+        if task is None:
+            return corrected
+        from mpge_jax.diagnosis.transitions import task_env
+
+        return task_env(corrected, task)
 
     def to_json(self) -> dict[str, Any]:
         """The contents of `diagnosis.json`."""

@@ -1,15 +1,21 @@
-"""The corrected model as MJCF: native elements wherever MuJoCo has one."""
+"""The nominal and the corrected model as MJCF, native elements wherever MuJoCo has one, and the files they need."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import os
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 
+from mpge_jax import files
 from mpge_jax.diagnosis.hypothesis import Term
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis
+
+NOMINAL, CORRECTED, ASSETS = "nominal.xml", "corrected.xml", "assets"
 
 
 def corrected_spec(d: Diagnosis) -> tuple[mujoco.MjSpec, dict[Term, bool]]:
@@ -21,17 +27,77 @@ def corrected_spec(d: Diagnosis) -> tuple[mujoco.MjSpec, dict[Term, bool]]:
     for term, theta in parts.items():
         native[term] = term.effect.export(spec, d.ctx, term.place, theta)
     if d.actuators is not None:
-        d.actuators.export(spec)
+        native |= d.actuators.export(spec)
     return spec, native
 
 
-def corrected_xml(d: Diagnosis) -> str:
-    """MJCF text of the corrected model, with a comment that names what `effects.json` holds beside it."""
+def write_models(d: Diagnosis, folder: Path) -> None:
+    """Write `nominal.xml` (the model as given) and `corrected.xml`; meshes and images go to `assets/`.
+
+    A comment in `corrected.xml` names the effects that only `effects.json` holds.
+    """
+    nominal = d.prepared.spec.copy()
+    nominal.compile()
+    files.write_text(folder / NOMINAL, _text(nominal, folder))
     spec, native = corrected_spec(d)
     spec.compile()
-    text = spec.to_xml()
+    text = _text(spec, folder)
     missing = [f"{t.name} at {t.place.name}" for t, ok in native.items() if not ok]
     if missing:
         listed = "; ".join(missing).replace("--", "- -")
         text = text.replace(">", f">\n  <!-- MuJoCo has no element for: {listed}. See effects.json. -->", 1)
-    return text
+    files.write_text(folder / CORRECTED, text)
+
+
+def _text(spec: mujoco.MjSpec, folder: Path) -> str:
+    """MJCF of a compiled spec, which is changed to refer to copies of its files in `folder/assets`."""
+    taken: dict[str, Path | bytes] = {}
+    for owner, key, directory in _references(spec):
+        value = getattr(owner, key)
+        source = _find(spec, directory, value)
+        if source is None:
+            continue
+        name = Path(value).name
+        while taken.get(name, source) != source:
+            name = f"_{name}"
+        taken[name] = source
+        setattr(owner, key, name)
+    for name, source in taken.items():
+        _copy(source, folder / ASSETS / name)
+    if taken:
+        spec.modelfiledir = f"{folder.resolve()}{os.sep}"
+        spec.meshdir = spec.texturedir = ASSETS
+    return spec.to_xml()
+
+
+def _references(spec: mujoco.MjSpec) -> list[tuple[Any, str, str]]:
+    """(element, attribute, folder) of every file that the spec reads."""
+    shapes = [*spec.meshes, *spec.hfields, *spec.skins]
+    found = [(x, "file", spec.meshdir) for x in shapes]
+    found += [(x, "file", spec.texturedir) for x in spec.textures]
+    return [entry for entry in found if getattr(entry[0], entry[1])]
+
+
+def _find(spec: mujoco.MjSpec, directory: str, value: str) -> Path | bytes | None:
+    """The file behind a reference, or its bytes where the spec carries them."""
+    for key in (value, os.path.join(directory, value), Path(value).name):
+        if key in spec.assets:
+            return bytes(spec.assets[key])
+    root = Path(spec.modelfiledir or ".")
+    # URDF drops the folders of its references
+    for path in (root / directory / value, root / value, root / directory / Path(value).name):
+        if path.is_file():
+            return path.resolve()
+    return None
+
+
+def _copy(source: Path | bytes, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_name(target.name + ".partial")
+    if isinstance(source, bytes):
+        partial.write_bytes(source)
+    elif source != target.resolve():
+        shutil.copyfile(source, partial)
+    else:
+        return
+    os.replace(partial, target)

@@ -237,3 +237,16 @@ def _finish(p: _Problem) -> Fitted:
     # the larger of the two, direction by direction on the diagonal
     ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(plain), 1e-300), 1.0))
     return replace(p.fit, information=info, cov=plain * ratio[:, None] * ratio[None, :])
+
+
+def gauss_newton_shift(sim: Simulator, f: Fitted, w: Windows, white: Whitener, moved: Array) -> Array:
+    """Change of theta [p] when the whitened residuals [W, M] at `f` become `moved`, to first order."""
+    p = _Problem(f, f.hypothesis.params(sim.ctx))
+    _linearise(sim, [p], w, white)
+    weight = 1.0 / (1.0 + p.fit.x / 5.0)
+    j = p.jacobian
+    h = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)
+    h = h + np.diag(1.0 / prior_widths(p.params) ** 2)
+    g = np.einsum("w,pwm,wm->p", weight, j, moved - p.whitened, optimize=True)
+    scale = 1.0 / np.sqrt(np.diag(h))
+    return -scale * (np.linalg.pinv(h * scale[:, None] * scale[None, :], hermitian=True) @ (scale * g))

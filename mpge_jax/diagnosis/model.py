@@ -15,7 +15,7 @@ _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLI
 
 
 def _check_includes(path: Path, root: Path, seen: set[Path]) -> None:
-    """Refuse includes and assets that leave the model's folder."""
+    """Refuse includes, models inside models and assets (MJCF and URDF) that leave the model's folder."""
     if path in seen:
         return
     seen.add(path)
@@ -30,18 +30,19 @@ def _check_includes(path: Path, root: Path, seen: set[Path]) -> None:
     except ET.ParseError as error:
         raise InputError(f"{path.name} is not well-formed XML ({error}); repair the file.") from None
     for element in tree.iter():
-        for key in ("file", "meshdir", "texturedir", "assetdir"):
-            value = element.get(key)
-            if not value:
+        for key, value in element.items():
+            if not value or not (key.startswith("file") or key in ("meshdir", "texturedir", "assetdir")):
                 continue
-            target = (root / value).resolve()
-            if not target.is_relative_to(root):
+            name = value.removeprefix("package://").removeprefix("file://")
+            # relative to the main file or, in a model inside a model, to the file itself
+            targets = [(folder / name).resolve() for folder in (root, path.parent)]
+            if not all(t.is_relative_to(root) for t in targets):
                 raise InputError(
                     f"{path.name}: <{element.tag} {key}={value!r}> lies outside of the model's folder; "
                     "copy what it names into that folder."
                 )
-            if element.tag == "include":
-                _check_includes(target, root, seen)
+            if element.tag in ("include", "model") and key == "file":
+                _check_includes(next((t for t in targets if t.is_file()), targets[0]), root, seen)
 
 
 def load_spec(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:

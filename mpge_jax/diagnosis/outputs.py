@@ -1,4 +1,4 @@
-"""The files of a diagnosis: `diagnosis.json`, `effects.json`, `corrected.xml`, figures and `report.html`."""
+"""The files of a diagnosis: the two tables, the two models, figures and `report.html`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _set(d: Diagnosis, f: Fitted) -> list[dict[str, Any]]:
 
 def diagnosis_table(d: Diagnosis) -> dict[str, Any]:
     """The contents of `diagnosis.json`."""
-    from mpge_jax.diagnosis.words import explanation, separation
+    from mpge_jax.diagnosis.words import error_unit, explanation, separation
 
     ambiguous = candidates_of(d)
     effects = []
@@ -66,7 +66,7 @@ def diagnosis_table(d: Diagnosis) -> dict[str, Any]:
         "unexplained": d.unexplained,
         "location": [{"at": a, "kind": k, "excess": number(e)} for a, k, e in d.location],
         "fit": {
-            "unit": _unit(d),
+            "unit": error_unit(d),
             "window_s": number(float(d.held.windows.times.max())),
             "train": _fit(d, d.train, d.prepared.train_sources),
             "held_out": {**_fit(d, d.held, d.prepared.held_sources), "per_joint": _per_joint(d, d.held)},
@@ -98,13 +98,6 @@ def _per_joint(d: Diagnosis, r: FitReport) -> dict[str, list[float | None]]:
     return out
 
 
-def _unit(d: Diagnosis) -> str:
-    import mujoco
-
-    slides = d.prepared.model.jnt_type == int(mujoco.mjtJoint.mjJNT_SLIDE)
-    return "m" if slides.all() else "rad and m" if slides.any() else "rad"
-
-
 def _versions() -> dict[str, str]:
     from importlib.metadata import PackageNotFoundError, version
 
@@ -113,13 +106,24 @@ def _versions() -> dict[str, str]:
         try:
             out[package] = version(package)
         except PackageNotFoundError:
-            continue
+            out[package] = _source_version() if package == "mpge_jax" else "unknown"
     return out
 
 
+def _source_version() -> str:
+    """The version that `pyproject.toml` states, for a checkout that runs without being installed."""
+    import tomllib
+
+    try:
+        text = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
+        return str(tomllib.loads(text)["project"]["version"])
+    except (OSError, KeyError, tomllib.TOMLDecodeError):
+        return "unknown"
+
+
 def effects_table(d: Diagnosis) -> dict[str, Any]:
-    """The contents of `effects.json`: every effect, native or not, with the values to rebuild it from."""
-    from mpge_jax.diagnosis.export import corrected_spec
+    """The contents of `effects.json`: the nominal model, and every effect to add to it, native or not."""
+    from mpge_jax.diagnosis.export import NOMINAL, corrected_spec
 
     _, native = corrected_spec(d)
     rows = []
@@ -137,8 +141,10 @@ def effects_table(d: Diagnosis) -> dict[str, Any]:
             }
         )
     if d.actuators is not None:
-        rows += d.actuators.table
-    return {"schema": 1, "model": "corrected.xml", "effects": rows}
+        has = {(t.id, t.place.name): ok for t, ok in native.items()}
+        rows += [{**row, "native": has[row["form"], row["at"]]} for row in d.actuators.table]
+    # the nominal model: `corrected.xml` holds the native effects already
+    return {"schema": 1, "model": NOMINAL, "effects": rows}
 
 
 def _exact(value: Any) -> Any:
@@ -148,7 +154,7 @@ def _exact(value: Any) -> Any:
 
 def write(d: Diagnosis, folder: Path) -> None:
     """Write every file; the folder is made if it does not exist."""
-    from mpge_jax.diagnosis.export import corrected_xml
+    from mpge_jax.diagnosis.export import write_models
     from mpge_jax.diagnosis.figures import draw
     from mpge_jax.diagnosis.next_experiment import design
     from mpge_jax.diagnosis.report import page
@@ -157,7 +163,7 @@ def write(d: Diagnosis, folder: Path) -> None:
     d.experiment = design(d, candidates_of(d), folder / "next_experiment.npz")
     table = diagnosis_table(d)
     files.write_text(folder / "effects.json", json.dumps(effects_table(d), indent=1, allow_nan=False))
-    files.write_text(folder / "corrected.xml", corrected_xml(d))
+    write_models(d, folder)
     figures = draw(d, folder / "figures")
     files.write_text(folder / "report.html", page(d, table, figures))
     files.write_text(folder / "diagnosis.json", json.dumps(table, indent=1, allow_nan=False))

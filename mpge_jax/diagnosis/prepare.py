@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.candidates import all_terms
+from mpge_jax.diagnosis.coarse import bound, is_coarse, states_as_measured
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.context import build_context
 from mpge_jax.diagnosis.effects.base import Context
@@ -124,11 +126,29 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     together = train + held
     noise, states, notes = estimate(together, model, names)
     warnings += notes
-    sources = tuple(Source.build(r, s, _command(r, measured)) for r, s in zip(together, states, strict=True))
+    # a servo's force follows the motion between two rows; a plain motor's is held like its command
+    follows = (plain.actuator_biastype != mujoco.mjtBias.mjBIAS_NONE) | (
+        plain.actuator_dyntype != mujoco.mjtDyn.mjDYN_NONE
+    )
+    sources = tuple(
+        Source.build(r, s, _command(r, measured), measured & follows)
+        for r, s in zip(together, states, strict=True)
+    )
     train_sources, held_sources = sources[: len(train)], sources[len(train) :]
     ctx = build_context(model, names, train_sources)
     dt = choose_dt(together, float(plain.opt.timestep))
     sim = Simulator(model, ctx, threads=config.jobs)
+    if is_coarse(together, model, noise):
+        terms = [t for t in all_terms(ctx, config.effects) if not t.effect.senses]
+        noise = bound(sim, train_sources, noise, terms, dt, config.seed)
+        if noise.direct:
+            measured_states = states_as_measured(together, model, noise)
+            sources = tuple(
+                Source.build(s.recording, x, s.command) for s, x in zip(sources, measured_states, strict=True)
+            )
+            train_sources, held_sources = sources[: len(train)], sources[len(train) :]
+            ctx = build_context(model, names, train_sources)
+            sim = Simulator(model, ctx, threads=config.jobs)
     _check_motion(together, model, names, warnings)
     return Prepared(
         spec, sim.model, names, sim.ctx, sim, noise, train_sources, held_sources, dt, measured, warnings, config,

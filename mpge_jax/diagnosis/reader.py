@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -33,6 +34,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
                 raise InputError(f"{path.name} is a single array, not an .npz archive.")
             for key in _KEYS:
                 if key in data.files:
+                    _check_size(path, key, math.prod(_stated_shape(data, key)))
                     out[key] = data[key]
     except InputError:
         raise
@@ -42,6 +44,21 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     except Exception as error:  # zlib and header parsers raise types of their own on damaged bytes
         raise InputError(f"cannot read {path.name}: {type(error).__name__} while reading it.") from None
     return out
+
+
+def _stated_shape(data: np.lib.npyio.NpzFile, key: str) -> tuple[int, ...]:
+    """The shape in the header of an array, which is not loaded."""
+    if data.zip is None:
+        raise EOFError
+    with data.zip.open(f"{key}.npy") as member:
+        first = np.lib.format.read_magic(member) == (1, 0)
+        read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
+        return read(member)[0]
+
+
+def _check_size(path: Path, key: str, size: int) -> None:
+    if size > MAX_VALUES:
+        raise InputError(f"{path.name}: '{key}' has {size} values; cut the recording into parts.")
 
 
 def read_csv(path: Path, model: mujoco.MjModel, names: Names) -> dict[str, np.ndarray]:
@@ -93,8 +110,7 @@ def read_recording(
     for key, value in data.items():
         if value.dtype.kind not in "fiub":
             raise InputError(f"{path.name}: '{key}' does not hold numbers but {value.dtype}.")
-        if value.size > MAX_VALUES:
-            raise InputError(f"{path.name}: '{key}' has {value.size} values; cut the recording into parts.")
+        _check_size(path, key, value.size)
         value = np.asarray(value, dtype=float)
         if value.ndim == 1 and key != "time":
             value = value[:, None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mpge_jax.diagnosis.candidates import compatible
+from mpge_jax.diagnosis.effects.base import Place
 from mpge_jax.diagnosis.fit import Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.select import TIE, Rival, Scored, Search, standard_error
@@ -50,8 +51,18 @@ def find_rivals(
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
             if other is not None and (other.name, other.place) != (term.name, term.place):
                 rivals.append(_compare(s, best, term, r, other))
-        out[term] = sorted(rivals, key=lambda r: r.margin)
+        out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
+
+
+def _one_each(rivals: list[Rival]) -> list[Rival]:
+    """The best form of every effect at its place; the forms of an effect are reported under one name."""
+    best: dict[tuple[str, Place], Rival] = {}
+    for r in rivals:
+        key = (r.term.name, r.term.place)
+        if key not in best or (r.tied and not best[key].tied):
+            best[key] = r
+    return sorted(best.values(), key=lambda r: r.margin)
 
 
 def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) -> Rival:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mpge_jax.diagnosis.candidates import compatible
-from mpge_jax.diagnosis.fit import Fitted, evaluate, fit
+from mpge_jax.diagnosis.fit import Fitted, evaluate, fit, gauss_newton_shift
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.screen import screen
-from mpge_jax.diagnosis.simulate import Simulator
+from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.states import Noise
 from mpge_jax.diagnosis.whiten import Whitener, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.windows import Windows
@@ -28,6 +28,9 @@ TIE = 0.03
 """Differences of relative loss below this are ties, whatever their standard error."""
 SIGNIFICANT = 3.0
 """Standard errors by which an effect must improve windows that it was not fitted to."""
+SMALL = 0.02
+"""Share of the nominal error by which a further effect must move predictions; less is detail of what is known
+(friction law, timestep, integrator), which a wrong effect can imitate."""
 NAMED = 4.0
 """Deviations by which a naming parameter must differ from its null value."""
 
@@ -106,10 +109,9 @@ class Search:
 
     def screened(self, base: Fitted, white: Whitener, terms: list[Term]) -> tuple[list[Fitted], float]:
         """Quick fits on a sample of the training windows, and the base's loss there."""
-        count = self.train.count
         # by depth, so that a resumed search draws the same windows
         rng = np.random.default_rng([self.seed, len(base.hypothesis.terms)])
-        index = np.sort(rng.permutation(count)[: min(SCREEN_WINDOWS, count)])
+        index = screen_windows(evaluate(self.sim, [base], self.train, white)[0].x, rng)
         w, white = self.train.take(index), white.take(index)
         return screen(self.sim, base, terms, w, white), evaluate(self.sim, [base], w, white)[0].loss
 
@@ -136,9 +138,23 @@ class Search:
             whites = self.whiten(fits[0])
             fits = fit(self.sim, fits[: keep - 2], self.train, whites[0], iterations=4)
             fits.sort(key=lambda f: f.loss)
-        scored = self.score([*fits, base], whites)
+        scored = self.score([*fits, self.freed(base, fits, whites[0])], whites)
         ranked = sorted(scored[:-1], key=lambda s: s.losses.mean())
         return ranked, scored[-1]
+
+    def freed(self, base: Fitted, fits: list[Fitted], white: Whitener) -> Fitted:
+        """`base`, or a better fit of its own terms to which a further term led out of a local minimum."""
+        if not base.theta.size:
+            return base
+        ctx, terms = self.sim.ctx, base.hypothesis.terms
+        starts = [base]
+        for f in fits[:3]:
+            if set(terms) <= set(f.hypothesis.terms):
+                parts = f.hypothesis.split(ctx, f.theta)
+                starts.append(replace(base, theta=base.hypothesis.gather(ctx, parts)))
+        again = fit(self.sim, starts, self.train, white, iterations=4)
+        best = min(again[1:], key=lambda f: f.loss, default=base)
+        return best if best.loss < 0.5 * again[0].loss else base
 
     def choose(self, ranked: list[Scored]) -> Scored:
         """The simplest candidate within two standard errors of the best."""
@@ -157,7 +173,19 @@ class Search:
             doubt if first else 0.6 * doubt
         ) * se and total.mean() > doubt * standard_error(total)
         relevant = total.mean() > 0.05 * min(1.0, old.losses.mean())
-        return bool(enough and relevant and self.named(new.fit, old.fit.hypothesis))
+        named = self.named(new.fit, old.fit.hypothesis)
+        return bool(enough and relevant and named and (first or self.share(new.fit, old.fit) > SMALL))
+
+    def share(self, new: Fitted, old: Fitted) -> float:
+        """How far `new` moves the predictions of `old`, over the nominal model's error, at the joint where most."""
+        nv = self.sim.model.nv
+        fits = (self.nominal(), old, new)
+        res = self.sim.residuals([Run(f.hypothesis, f.theta) for f in fits], self.held)[..., :nv]
+        seen = np.isfinite(res).all(0)
+        nominal, before, after = np.where(seen, np.clip(res, -1e3, 1e3), 0.0)
+        change = np.sqrt(((after - before) ** 2).sum((0, 1)))
+        error = np.sqrt((nominal**2).sum((0, 1)))
+        return float(np.max(change / np.maximum(error, 1e-300), initial=0.0, where=error > 0))
 
     def named(self, f: Fitted, without: Hypothesis = Hypothesis()) -> bool:  # noqa: B008
         """Whether every added term has a naming parameter that differs clearly from its null value."""
@@ -175,6 +203,15 @@ class Search:
             if z.max() < NAMED:
                 return False
         return True
+
+
+def screen_windows(x: Array, rng: np.random.Generator) -> Array:
+    """Windows for screening: a third of them where the base misses most (what acts now and then must be among
+    them), the others at random. x: [W] misfit of the base."""
+    count = min(SCREEN_WINDOWS, x.size)
+    worst = np.argsort(-x)[: count // 3]
+    others = rng.permutation(np.setdiff1d(np.arange(x.size), worst))
+    return np.sort(np.concatenate([worst, others[: count - worst.size]]))
 
 
 def _with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
@@ -212,6 +249,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         depth = len(current.hypothesis.terms)
         s.say(f"looking for effect {depth + 1}")
         ranked, base = s.compete(current, s.terms)
+        current = base.fit
         if not ranked:
             break
         chosen = s.choose(ranked)
@@ -315,4 +353,21 @@ def final_fit(s: Search, current: Fitted) -> tuple[Fitted, tuple[Whitener, White
             break
         current = fit(s.sim, [current], s.train, whites[0], iterations=6, tolerance=1e-5)[0]
     whites = s.whiten(current)
-    return replace(current), whites
+    return with_timestep_error(s, current), whites
+
+
+def with_timestep_error(s: Search, f: Fitted) -> Fitted:
+    """Add to the covariance what the timestep does to the parameters: their shift when it is halved.
+
+    A semi-implicit step acts half a timestep early, which the fit takes for physics (a delay too long by that
+    much); the noise says nothing about it. The shift is one Gauss-Newton step.
+    """
+    if not f.theta.size or not f.cov.size:
+        return f
+    white = whitener(s.sim, f.hypothesis, f.theta, s.train, s.noise)
+    run = [Run(f.hypothesis, f.theta)]
+    moved = white(s.sim.residuals(run, s.train.refined(2))[0])
+    shift = np.abs(gauss_newton_shift(s.sim, f, s.train, white, moved))
+    deviation = np.sqrt(np.maximum(np.diag(f.cov), 0.0))
+    widths = np.where(deviation > 0, np.sqrt(deviation**2 + shift**2) / np.maximum(deviation, 1e-300), 1.0)
+    return replace(f, cov=f.cov * widths[:, None] * widths[None, :])

@@ -26,11 +26,21 @@ class Noise:
 
     Attributes:
         qpos: [nq]. qvel: [nv]; infinite where recorded velocities are not used. quantum: [nq].
+        direct: whether the measurements are taken as states without smoothing (see `coarse`).
     """
 
     qpos: Array
     qvel: Array
     quantum: Array
+    direct: bool = False
+
+    def angle(self, column: int) -> float:
+        """Deviation (rad, per axis) of an orientation whose quaternion begins at a column of qpos.
+
+        A rotation by r moves the quaternion by |r| / 2 within the three directions that keep its length; how they
+        share it depends on the pose (near the identity the first component hardly moves).
+        """
+        return 2.0 * float(np.sqrt((self.qpos[column : column + 4] ** 2).sum() / 3.0))
 
 
 @dataclass(frozen=True)
@@ -189,7 +199,7 @@ def _rotations(recording: Recording, states: States, model: mujoco.MjModel, nois
         quat = recording.qpos[:, q : q + 4]
         if np.isnan(quat).all():
             continue
-        states.cov[:, v : v + 3, 0, 0] = (2 * noise.qpos[q]) ** 2
+        states.cov[:, v : v + 3, 0, 0] = noise.angle(q) ** 2
         measured = recording.qvel is not None and not np.isnan(recording.qvel[:, v]).all()
         if measured and np.isfinite(noise.qvel[v : v + 3]).all():
             states.cov[:, v : v + 3, 1, 1] = noise.qvel[v : v + 3] ** 2
@@ -197,7 +207,7 @@ def _rotations(recording: Recording, states: States, model: mujoco.MjModel, nois
         if recording.time.size < 4:
             continue
         parts = smooth(
-            [Series(recording.time, quat[:, k], None, float(noise.qpos[q]), 1.0) for k in range(4)]
+            [Series(recording.time, quat[:, k], None, float(noise.qpos[q + k]), 1.0) for k in range(4)]
         )
         mean = np.stack([p.mean[:, 0] for p in parts], 1)
         mean /= np.linalg.norm(mean, axis=1, keepdims=True)
@@ -208,4 +218,4 @@ def _rotations(recording: Recording, states: States, model: mujoco.MjModel, nois
         omega = 2 * (w * dx - dw * x - np.cross(x, dx))
         states.qpos[:, q : q + 4] = mean
         states.qvel[:, v : v + 3] = omega
-        states.cov[:, v : v + 3, 1, 1] = 4 * np.mean([p.cov[:, 1, 1] for p in parts], axis=0)[:, None]
+        states.cov[:, v : v + 3, 1, 1] = 4 / 3 * np.sum([p.cov[:, 1, 1] for p in parts], axis=0)[:, None]

@@ -74,7 +74,7 @@ def column_scale(noise: Noise, model) -> Array:
     columns, dofs, quats = _parts(model)
     scale[dofs] = noise.qpos[columns]
     for q, v in quats:
-        scale[v : v + 3] = 2 * noise.qpos[q]
+        scale[v : v + 3] = noise.angle(q)
     scale[model.nv :] = noise.qvel
     return scale
 

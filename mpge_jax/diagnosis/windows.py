@@ -30,8 +30,14 @@ class Source:
     integral: Array
 
     @staticmethod
-    def build(recording: Recording, states: States, command: Array) -> Source:
-        steps = np.diff(recording.time)[:, None] * command[:-1]
+    def build(
+        recording: Recording, states: States, command: Array, continuous: Array | None = None
+    ) -> Source:
+        """`continuous` [nu]: columns that change between rows (a servo's measured force) and are not held."""
+        held = command[:-1]
+        if continuous is not None:
+            held = np.where(continuous, 0.5 * (command[:-1] + command[1:]), held)
+        steps = np.diff(recording.time)[:, None] * held
         integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(steps, 0)])
         return Source(recording, states, command, integral)
 

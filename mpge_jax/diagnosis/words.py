@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.fit import Fitted
@@ -18,7 +19,11 @@ def quantity(entry: dict[str, Any]) -> str:
     value, unit = entry["value"], entry["unit"]
     low, high = np.atleast_1d(entry["low"]).astype(float), np.atleast_1d(entry["high"]).astype(float)
     width = np.nan_to_num(high - low)
-    shown = [_digits(v, w) for v, w in zip(np.atleast_1d(value).astype(float), width, strict=True)]
+    values = np.atleast_1d(value).astype(float)
+    # a component far below the largest, or below a hundredth of its interval, is nothing
+    least = np.maximum(0.01 * width, 1e-4 * np.nanmax(np.abs(values), initial=0.0) * (values.size > 1))
+    values = np.where(np.abs(values) < least, 0.0, values)
+    shown = [_digits(v, w) for v, w in zip(values, width, strict=True)]
     text = shown[0] if not isinstance(value, list) else f"({', '.join(shown)})"
     return text if unit == "1" else f"{text} {unit}"
 
@@ -71,12 +76,20 @@ def explanation(d: Diagnosis) -> str:
         )
     before, after = d.held.before.rms, d.held.after.rms
     if d.terms:
-        span, gain = d.held.windows.times.max(), before / max(after, 1e-12)
+        span, gain, unit = d.held.windows.times.max(), before / max(after, 1e-12), error_unit(d)
         parts.append(
             f"On recordings that were not used for fitting, the prediction error over {span:.2g} s falls from "
-            f"{before:.3g} to {after:.3g} ({gain:.1f} times less; noise alone gives {d.held.floor:.2g})."
+            f"{before:.3g} to {after:.3g} {unit} ({gain:.1f} times less; noise alone gives {d.held.floor:.2g} {unit})."
         )
     return " ".join(parts)
+
+
+def error_unit(d: Diagnosis) -> str:
+    """Unit of errors of positions, over all joints together."""
+    kinds = set(d.prepared.model.jnt_type.tolist())
+    if kinds <= {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL)}:
+        return "rad"
+    return "m" if kinds == {int(mujoco.mjtJoint.mjJNT_SLIDE)} else "rad and m"
 
 
 def _differing(d: Diagnosis, f: Fitted, term: Term) -> Term:

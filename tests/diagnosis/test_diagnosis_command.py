@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -15,8 +16,12 @@ import pytest
 from machines import PENDULUM, record
 
 from experiments.diagnose import main
-from mpge_jax.diagnosis import Config, diagnose
+from mpge_jax.diagnosis import Config, InputError, diagnose, outputs
 from mpge_jax.diagnosis.corrected import CorrectedModel
+from mpge_jax.diagnosis.export import write_models
+from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.model import load_spec
 
 EFFECTS = ["coulomb_friction", "viscous_damping", "actuator_gain"]
 EVIL = 'hinge&lt;script&gt;alert(1)&lt;/script&gt;"'
@@ -53,6 +58,7 @@ def test_friction_is_named_with_its_value(result):
     assert torque["value"] == pytest.approx(0.1, rel=0.05) and torque["unit"] == "N m"
     assert torque["low"] < torque["value"] < torque["high"]
     assert effect["error_drop"] > 0.9
+    assert " rad (" in table["explanation"]
     held = table["fit"]["held_out"]
     assert held["before"] > 5 * held["after"] and table["fit"]["window_s"] == pytest.approx(0.5, rel=0.05)
     assert set(table) == {
@@ -75,6 +81,54 @@ def test_corrected_files_rebuild_the_machine(result, folder):
         data.ctrl[:] = 0.3
         mujoco.mj_step(model, data)
     np.testing.assert_allclose(rebuilt.data.qpos, data.qpos, atol=1e-5)
+
+
+def test_effects_file_names_the_model_to_which_its_effects_are_to_be_added(result, folder):
+    out, _ = result
+    named = json.loads((out / "effects.json").read_text())["model"]
+    steppers = [
+        CorrectedModel.from_folder(out).c_stepper(),
+        CorrectedModel.load(out / named, out / "effects.json").c_stepper(),
+        CorrectedModel.load(folder / "model.xml", out / "effects.json").c_stepper(),
+    ]
+    model = mujoco.MjModel.from_xml_path(str(out / "corrected.xml"))
+    data = mujoco.MjData(model)
+    data.qpos[:], data.ctrl[:] = 0.8, 0.3
+    mujoco.mj_step(model, data, 100)
+    for stepper in steppers:
+        stepper.reset(np.array([0.8]), np.zeros(1))
+        stepper.step(np.array([0.3]), 100)
+        np.testing.assert_allclose(stepper.data.qpos, data.qpos, atol=1e-5)
+    with pytest.raises(InputError, match=r"holds the native effects already.*nominal\.xml"):
+        CorrectedModel.load(out / "corrected.xml", out / "effects.json")
+
+
+def test_models_are_written_with_the_files_they_need(tmp_path):
+    source, out = tmp_path / "source", tmp_path / "out"
+    (source / "meshes").mkdir(parents=True)
+    (source / "meshes" / "tip.obj").write_text(
+        "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    asset = '<mujoco><compiler meshdir="meshes"/><asset><mesh name="tip" file="tip.obj"/></asset>'
+    tip = '<geom type="mesh" mesh="tip" contype="0" conaffinity="0"/></body></worldbody>'
+    xml = PENDULUM.replace("<mujoco>", asset).replace("</body></worldbody>", tip)
+    (source / "model.xml").write_text(xml)
+    nothing = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
+    given = SimpleNamespace(spec=load_spec(source / "model.xml"))
+    write_models(SimpleNamespace(prepared=given, fit=nothing, ctx=None, actuators=None), out)
+    shutil.rmtree(source)
+    for name in ("nominal.xml", "corrected.xml"):
+        assert mujoco.MjModel.from_xml_path(str(out / name)).nmesh == 1
+
+
+def test_versions_name_this_project_even_where_it_is_not_installed(monkeypatch):
+    from importlib import metadata
+
+    def nothing(_name):
+        raise metadata.PackageNotFoundError
+
+    monkeypatch.setattr(metadata, "version", nothing)
+    assert re.fullmatch(r"\d+\.\d+.*", outputs._versions()["mpge_jax"])
 
 
 class _Page(HTMLParser):
@@ -140,6 +194,21 @@ def test_bad_input_ends_with_one_sentence_and_writes_nothing(folder, tmp_path, c
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert error.startswith("error: ") and message in error
     assert not out.exists()
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_the_search(folder, tmp_path, capsys, monkeypatch):
+    import experiments.diagnose as command
+
+    monkeypatch.setattr(command, "diagnose", lambda *_args: pytest.fail("the search was started"))
+    (tmp_path / "file").write_text("")
+    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out"]
+    for out in ("file", "file/out", "file/a/b"):
+        assert main([*arguments, str(tmp_path / out)]) == 2
+        assert "is a file; give another one." in capsys.readouterr().err
+    monkeypatch.setattr(command.os, "access", lambda *_args: False)
+    assert main([*arguments, str(tmp_path / "new" / "out")]) == 2
+    assert "no permission" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
 
 def test_recordings_shorter_than_a_window_are_told(folder, tmp_path, capsys):

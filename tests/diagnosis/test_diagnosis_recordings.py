@@ -151,6 +151,42 @@ def test_includes_stay_inside_the_folder(tmp_path):
         load_spec(tmp_path / "none.xml")
 
 
+def test_models_inside_models_stay_inside_the_folder(tmp_path):
+    (tmp_path / "secret.xml").write_text("<mujoco/>")
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    path, part = inner / "model.xml", inner / "part.xml"
+    path.write_text(
+        '<mujoco><asset><model name="part" file="part.xml"/></asset><worldbody><body><joint/><geom size=".1"/>'
+        '<attach model="part" body="b" prefix="p"/></body></worldbody></mujoco>'
+    )
+    body = '<worldbody><body name="b"><geom size=".1"/></body></worldbody></mujoco>'
+    part.write_text(f"<mujoco>{body}")
+    assert load_spec(path).compile().nbody == 3
+    part.write_text(f'<mujoco><include file="../secret.xml"/>{body}')
+    with pytest.raises(InputError, match=r"part\.xml.*outside of the model's folder"):
+        load_spec(path)
+
+
+@pytest.mark.parametrize("name", ["../../secret.stl", "package://../../secret.stl", "/etc/secret.stl"])
+def test_meshes_of_a_urdf_stay_inside_the_folder(tmp_path, name):
+    path = tmp_path / "robot.urdf"
+    mesh = f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+    path.write_text(f'<robot name="r"><link name="a">{mesh}</link></robot>')
+    with pytest.raises(InputError, match="outside of the model's folder"):
+        load_spec(path)
+
+
+def test_size_is_read_from_the_header_before_the_array_is_loaded(tmp_path, arm, monkeypatch):
+    from mpge_jax.diagnosis import reader
+
+    path = _save(tmp_path)
+    monkeypatch.setattr(reader, "MAX_VALUES", 39)
+    monkeypatch.setattr(np.lib.npyio.NpzFile, "__getitem__", lambda _self, key: np.zeros(20))
+    with pytest.raises(InputError, match=r"'qpos' has 40 values; cut the recording"):
+        read_recording(path, *arm)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.binary(max_size=400))
 def test_any_bytes_give_a_recording_or_one_sentence(tmp_path_factory, data):

@@ -166,6 +166,10 @@ class ActuatorBiasReclipped(ActuatorBias):
         gain, low, high = memory
         return xp.clip(u, low, high) + theta[..., 0] / gain, memory
 
+    def timeline(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+        m, a = ctx.model, place.index
+        return np.clip(u, *m.actuator_ctrlrange[a]) + theta[:, :1] / float(m.actuator_gainprm[a, 0])
+
     def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
         return False
 
@@ -223,7 +227,7 @@ class TorqueSaturation(_Actuator):
         return (Param("limit", self._unit(ctx, place), 0.0, 3 * d, 0.1 * d),)
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.array([[0.8], [0.5], [0.25]]) * self._drive(ctx, place)
+        return np.array([[1.02], [0.96], [0.8], [0.5], [0.25]]) * self._drive(ctx, place)
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return []

@@ -15,6 +15,7 @@ from mpge_jax.diagnosis.effects.base import (
     Param,
     Place,
     Step,
+    all_places,
     joint_unit,
     register,
     spec_joint,
@@ -63,6 +64,10 @@ class ViscousDamping(Effect):
     equation = "-b v"
     fields = ("dof_damping",)
     remedy = "move the joint at three speeds over a decade in both directions, then let it coast unpowered"
+
+    def places(self, ctx: Context) -> list[Place]:
+        """Every scalar joint: the air brakes a floating base too."""
+        return all_places(ctx, "joint")
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (_damping(ctx, place),)

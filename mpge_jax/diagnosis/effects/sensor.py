@@ -6,11 +6,24 @@ from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Array, Context, Effect, Param, Place, joint_unit, register
+from mpge_jax.diagnosis.effects.base import (
+    Array,
+    Context,
+    Effect,
+    Param,
+    Place,
+    all_places,
+    joint_unit,
+    register,
+)
 
 
 class _Sensor(Effect):
     kinds, side, senses = ("joint",), "sensor", True
+
+    def places(self, ctx: Context) -> list[Place]:
+        """Every scalar joint: the sensors of a floating base can be late or off as well."""
+        return all_places(ctx, "joint")
 
 
 @register

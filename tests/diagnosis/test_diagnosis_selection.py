@@ -1,0 +1,139 @@
+"""What the search decides with: forces between rows, starts, small further effects, intervals, the noise floor."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from machines import PENDULUM, record
+
+from mpge_jax.diagnosis import Config, Recording
+from mpge_jax.diagnosis.calibrate import floor
+from mpge_jax.diagnosis.diagnosis import _build_search
+from mpge_jax.diagnosis.effects.base import REGISTRY, Effect, Place, nominal_context
+from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.model import compile_variable, names_of
+from mpge_jax.diagnosis.prepare import prepare
+from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.select import SCREEN_WINDOWS, SMALL, final_fit, screen_windows
+from mpge_jax.diagnosis.states import States, estimate
+from mpge_jax.diagnosis.whiten import column_scale
+from mpge_jax.diagnosis.windows import Source
+
+FLYER = """<mujoco><option timestep="0.004" gravity="0 0 0"/><worldbody><body name="frame"><freejoint/>
+<geom type="box" size=".2 .1 .05" mass="1" contype="0" conaffinity="0"/><site name="s" pos=".2 0 0"/></body></worldbody>
+<actuator><motor name="rotor" site="s" gear="0 0 1 0 0 0"/></actuator></mujoco>"""
+
+
+def _prepared(xml: str, recordings: list[Recording]):
+    spec = mujoco.MjSpec.from_string(xml)
+    plain = compile_variable(spec)
+    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+
+
+def _search(p):
+    return _build_search(p, lambda _text: None)
+
+
+def test_a_servos_force_is_no_staircase():
+    time = np.array([0.0, 1.0, 2.0])
+    states = States(np.zeros((3, 1)), np.zeros((3, 1)), np.zeros((3, 1)), np.zeros((3, 1, 2, 2)))
+    recording = Recording("r", time, np.zeros((3, 1)), None, np.zeros((3, 2)))
+    command = np.array([[0.0, 0.0], [2.0, 2.0], [6.0, 6.0]])
+    source = Source.build(recording, states, command, np.array([False, True]))
+    means = source.mean_command(np.array([0.0, 1.0, 2.0]))
+    np.testing.assert_allclose(means, [[0.0, 1.0], [2.0, 4.0]])
+
+
+def test_reclipped_bias_over_a_timeline_equals_its_steps():
+    effect = REGISTRY["actuator_bias:reclipped"]
+    ctx = nominal_context(mujoco.MjModel.from_xml_string(PENDULUM))
+    place = Place("actuator", "motor", 0)
+    u = np.random.default_rng(0).normal(0, 3, (2, 7))
+    theta = np.array([[0.5], [-1.5]])
+    np.testing.assert_allclose(
+        effect.timeline(ctx, place, theta, u, 0.01), Effect.timeline(effect, ctx, place, theta, u, 0.01)
+    )
+
+
+def test_saturation_is_also_looked_for_near_the_largest_force():
+    ctx = nominal_context(mujoco.MjModel.from_xml_string(PENDULUM))
+    starts = REGISTRY["torque_saturation"].starts(ctx, Place("actuator", "motor", 0))
+    assert starts.max() > 0.95 * ctx.drive[0]
+
+
+def test_what_is_left_on_a_free_body_does_not_raise_the_floor():
+    """A free body turned by something unknown: noise alone explains none of it."""
+
+    def turn(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_applied[3:6] = 0.05 * np.sin(9.0 * data.time)
+
+    recordings = record(FLYER, 0.05, force=turn, noise=2e-4)
+    for r in recordings:
+        r.qpos[:, 3:] /= np.linalg.norm(r.qpos[:, 3:], axis=1, keepdims=True)
+    p = _prepared(FLYER, recordings)
+    expected, _ = floor(p, Fitted(Hypothesis(), np.zeros(0), np.zeros(0)))
+    assert expected < 2.0
+
+
+@pytest.fixture(scope="module")
+def gained():
+    def change(model: mujoco.MjModel) -> None:
+        model.actuator_gainprm[:, 0] = 0.7
+
+    return _search(_prepared(PENDULUM, record(PENDULUM, 0.8, change=change)))
+
+
+def _with(s, theta: dict[str, float]) -> Fitted:
+    places = {"actuator_gain": Place("actuator", "motor", 0), "viscous_damping": Place("joint", "hinge", 0)}
+    h = Hypothesis.of(*(Term(i, places[i]) for i in theta))
+    values = h.gather(s.sim.ctx, {Term(i, places[i]): np.array([v]) for i, v in theta.items()})
+    return Fitted(h, values, values)
+
+
+def test_a_further_effect_must_move_the_prediction(gained):
+    base = _with(gained, {"actuator_gain": 0.7})
+    tiny = _with(gained, {"actuator_gain": 0.7, "viscous_damping": 1e-5})
+    real = _with(gained, {"actuator_gain": 0.7, "viscous_damping": 0.05})
+    assert gained.share(tiny, base) < SMALL < gained.share(real, base)
+
+
+def test_intervals_allow_for_the_timestep(gained):
+    f, _ = final_fit(gained, _with(gained, {"actuator_gain": 0.72}))
+    deviation = np.sqrt(f.cov[0, 0])
+    assert abs(f.theta[0] - 0.7) < 3 * deviation
+    assert deviation < 0.05
+
+
+def test_a_floating_base_has_sensors_and_air_but_no_friction():
+    base = """<mujoco><worldbody><body name="frame"><joint name="x" type="slide" axis="1 0 0"/>
+    <joint name="z" type="slide" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
+    <geom type="box" size=".2 .1 .05" mass="1"/></body></worldbody></mujoco>"""
+    ctx = nominal_context(mujoco.MjModel.from_xml_string(base))
+    for name in ("sensor_delay", "encoder_offset", "viscous_damping"):
+        assert [p.name for p in REGISTRY[name].places(ctx)] == ["x", "z", "pitch"]
+    assert not REGISTRY["coulomb_friction"].places(ctx)
+
+
+@pytest.mark.parametrize("pose", [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, -0.5, 0.5]])
+def test_noise_of_an_orientation_does_not_depend_on_the_pose(pose):
+    rng, sigma, rows = np.random.default_rng(0), 1e-3, 400
+    model = mujoco.MjModel.from_xml_string(FLYER)
+    qpos = np.zeros((rows, 7))
+    for row in qpos:
+        row[3:] = pose
+        mujoco.mj_integratePos(model, row, np.r_[0, 0, 0, sigma * rng.standard_normal(3)], 1.0)
+    recording = Recording("r", 0.01 * np.arange(rows), qpos, None, np.zeros((rows, 1)))
+    noise, states, _ = estimate([recording], model, names_of(model))
+    assert noise.angle(3) == pytest.approx(sigma, rel=0.15)
+    np.testing.assert_allclose(column_scale(noise, model)[3:6], noise.angle(3))
+    np.testing.assert_allclose(states[0].cov[:, 3:6, 0, 0], noise.angle(3) ** 2)
+
+
+def test_screening_looks_where_something_happens():
+    x = np.ones(40)
+    x[[7, 19, 33]] = 50.0
+    index = screen_windows(x, np.random.default_rng(0))
+    assert {7, 19, 33} <= set(index.tolist())
+    assert len(set(index.tolist())) == SCREEN_WINDOWS
