@@ -40,12 +40,12 @@ def find_rivals(
         base_h = best.fit.hypothesis.without(term)
         parts = best.fit.hypothesis.split(ctx, best.fit.theta)
         base = Fitted(base_h, base_h.gather(ctx, parts), base_h.gather(ctx, parts))
-        pool = [k.fit for k in known if len(terms) == 1 and k.fit.hypothesis != best.fit.hypothesis]
-        if len(pool) < 3:
-            candidates = [t for t in s.terms if t != term and compatible(base_h, t)]
-            screened, _ = s.screened(base, whites[0], candidates)
-            pool = screened[:keep]
-        fits = fit(s.sim, pool[:keep], s.train, whites[0], iterations=4)
+        # Screened anew: the search drops whatever looks like a better one of its group, which is just what a rival does.
+        candidates = [t for t in s.terms if t != term and compatible(base_h, t)]
+        screened, _ = s.screened(base, whites[0], candidates)
+        fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
+        pool = [fitted.get(r.hypothesis, r) for r in screened[:keep]]
+        fits = fit(s.sim, pool, s.train, whites[0], iterations=4)
         rivals = []
         for r in s.score(fits, whites):
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)

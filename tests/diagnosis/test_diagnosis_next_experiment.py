@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis import Config, Recording
+from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.fit import Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
@@ -109,3 +109,12 @@ def test_range_is_the_models_or_reaches_both_ways():
         d = SimpleNamespace(prepared=SimpleNamespace(model=model, train_sources=(source,)))
         low, high = command_range(d)
         np.testing.assert_allclose([low[0], high[0]], [-expected, expected], rtol=1e-5)
+
+
+def test_the_whole_diagnosis_says_that_forward_motion_cannot_tell_friction_from_bias():
+    spec = mujoco.MjSpec.from_string(TURNTABLE)
+    found = diagnose(spec, [_forward_only(k) for k in range(4)], Config(jobs=1, quiet=True)).to_json()
+    assert found["verdict"] == "ambiguous"
+    (group,) = found["ambiguous"]
+    candidates = {effect["id"] for effects in group["candidates"] for effect in effects}
+    assert {"coulomb_friction", "actuator_bias"} <= candidates
