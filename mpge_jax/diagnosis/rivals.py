@@ -40,7 +40,7 @@ def find_rivals(
         base_h = best.fit.hypothesis.without(term)
         parts = best.fit.hypothesis.split(ctx, best.fit.theta)
         base = Fitted(base_h, base_h.gather(ctx, parts), base_h.gather(ctx, parts))
-        # Screened anew: the search drops whatever looks like a better one of its group, which is just what a rival does.
+        # Screened anew: the search drops what looks like a better one of its group, as a rival does.
         candidates = [t for t in s.terms if t != term and compatible(base_h, t)]
         screened, _ = s.screened(base, whites[0], candidates)
         fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
