@@ -271,15 +271,14 @@ def _collect(
         offers = jax.vmap(lambda actor, k: sac.act(actor, obs, k, config.rollout))(policies, keys)
         action = offers[which, every]
         # A branch is a copy of the whole row of simulators; the first is the one that goes on.
-        branched = jax.tree.map(
+        before, at, asked, asker = jax.tree.map(
             lambda x: jnp.broadcast_to(x, (config.branches, *x.shape)), (env_state, obs, action, which)
         )
-        _, at, asked, _ = branched
         delta, log_prob = transformer.sample(pi_g, key_delta, at, asked)
         executed = transformer.transform(delta, asked, low, high)
-        every_after = jax.vmap(jax.vmap(env.step))(branched[0], executed)
-        row = _Rows(at, asked, every_after.info["next_obs"], delta, log_prob, branched[3])
-        after = jax.tree.map(lambda x: x[0], every_after)
+        reached = jax.vmap(jax.vmap(env.step))(before, executed)
+        row = _Rows(at, asked, reached.info["next_obs"], delta, log_prob, asker)
+        after = jax.tree.map(lambda x: x[0], reached)
         ended = after.done > 0
         if config.restart_steps:
             ended = ended | (after.info["steps"] >= config.restart_steps)

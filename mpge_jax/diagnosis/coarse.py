@@ -83,7 +83,7 @@ def bound(
     """
     recordings = [s.recording for s in sources]
     raw = tuple(
-        Source.build(s.recording, x, s.command)
+        replace(s, states=x)
         for s, x in zip(sources, states_as_measured(recordings, sim.model, noise), strict=True)
     )
     period = float(np.median(np.concatenate([np.diff(r.time) for r in recordings])))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -143,9 +143,7 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
         noise = bound(sim, train_sources, noise, terms, dt, config.seed)
         if noise.direct:
             measured_states = states_as_measured(together, model, noise)
-            sources = tuple(
-                Source.build(s.recording, x, s.command) for s, x in zip(sources, measured_states, strict=True)
-            )
+            sources = tuple(replace(s, states=x) for s, x in zip(sources, measured_states, strict=True))
             train_sources, held_sources = sources[: len(train)], sources[len(train) :]
             ctx = build_context(model, names, train_sources)
             sim = Simulator(model, ctx, threads=config.jobs)

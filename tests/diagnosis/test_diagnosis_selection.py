@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
 from machines import PENDULUM, record
 
 from mpge_jax.diagnosis import Config, Recording
+from mpge_jax.diagnosis import prepare as preparation
 from mpge_jax.diagnosis.calibrate import floor
 from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.effects.base import REGISTRY, Effect, Place, nominal_context
@@ -44,6 +47,33 @@ def test_a_servos_force_is_no_staircase():
     source = Source.build(recording, states, command, np.array([False, True]))
     means = source.mean_command(np.array([0.0, 1.0, 2.0]))
     np.testing.assert_allclose(means, [[0.0, 1.0], [2.0, 4.0]])
+
+
+SERVO = """<mujoco><option timestep="0.002"/><worldbody><body name="arm"><joint name="pivot" axis="0 1 0" damping="1"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.5" size=".02" mass="1" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><position name="servo" joint="pivot" kp="20"/></actuator></mujoco>"""
+
+
+def test_a_servos_force_is_no_staircase_where_measurements_are_the_states(monkeypatch):
+    model = mujoco.MjModel.from_xml_string(SERVO)
+    recordings = []
+    for k in range(3):
+        data, rows, time = mujoco.MjData(model), [], 0.02 * np.arange(120)
+        for t in time:
+            data.ctrl[:] = np.sin(3.0 * t + k)
+            mujoco.mj_forward(model, data)
+            rows.append([data.qpos[0], data.qvel[0], data.ctrl[0], data.actuator_force[0]])
+            mujoco.mj_step(model, data, 10)
+        q, v, u, f = np.array(rows).T[..., None]
+        recordings.append(Recording(f"run_{k}", time, q, v, u, f))
+    monkeypatch.setattr(preparation, "is_coarse", lambda *_: True)
+    monkeypatch.setattr(preparation, "bound", lambda *args: dataclasses.replace(args[2], direct=True))
+    source = _prepared(SERVO, recordings).train_sources[0]
+    force = source.recording.force
+    np.testing.assert_array_equal(source.states.qpos, source.recording.qpos)
+    np.testing.assert_allclose(
+        np.diff(source.integral, axis=0), 0.02 * 0.5 * (force[:-1] + force[1:]), atol=1e-9
+    )
 
 
 def test_reclipped_bias_over_a_timeline_equals_its_steps():
