@@ -101,6 +101,14 @@ class Env:
         }
         return State(data, obs, reward, jnp.maximum(terminated, truncated), metrics, info)
 
+    def predict(self, obs: jax.Array, action: jax.Array) -> jax.Array:
+        """The next observation `[O]` after `action [A]` in a state that has the observation `obs [O]`.
+
+        Raises:
+          ValueError: as `state_from_obs` and `step`.
+        """
+        return self.step(self.state_from_obs(obs), action).info["next_obs"]
+
     def _first_state(self, qpos: jax.Array, qvel: jax.Array) -> State:
         data = self.engine.init(qpos, qvel)
         obs = self.task.observe(data)

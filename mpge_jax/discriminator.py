@@ -40,6 +40,9 @@ class DiscriminatorConfig:
         whole run ("constant", as in the authors' experiments).
       labels: "paper" for grounded 1 and target 0, "release" for the reverse.
       std_floor: least standard deviation that inputs are divided by.
+      next_as: how D sees s': as it is ("observation"), or less what the simulator itself answers to (s, a)
+        ("residual"): the same D(s, a, s'), which then need not learn the simulator's dynamics first to see
+        in what the target differs from them.
     """
 
     hidden: tuple[int, ...] = (256, 256)
@@ -50,6 +53,7 @@ class DiscriminatorConfig:
     interpolation: Literal["per_sample", "constant"] = "per_sample"
     labels: Literal["paper", "release"] = "paper"
     std_floor: float = 0.1
+    next_as: Literal["observation", "residual"] = "observation"
 
     def __post_init__(self) -> None:
         for name in ("learning_rate", "std_floor"):
@@ -60,7 +64,12 @@ class DiscriminatorConfig:
                 raise ValueError(
                     f"DiscriminatorConfig: {name} must not be negative, got {getattr(self, name)}."
                 )
-        for name, known in (("interpolation", ("per_sample", "constant")), ("labels", ("paper", "release"))):
+        choices = (
+            ("interpolation", ("per_sample", "constant")),
+            ("labels", ("paper", "release")),
+            ("next_as", ("observation", "residual")),
+        )
+        for name, known in choices:
             if getattr(self, name) not in known:
                 raise ValueError(
                     f"DiscriminatorConfig: {name} must be one of {known}, got {getattr(self, name)!r}."
@@ -71,11 +80,13 @@ class Transitions(struct.PyTreeNode):
     """B transitions: `observation` `[B, O]`, `action` `[B, A]`, `next_observation` `[B, O]`.
 
     `action` is what the rollout policy asked for, in the grounded simulator too: never the transformed one.
+    `expected` `[B, O]`, for `next_as="residual"` alone, is where the simulator goes under that action.
     """
 
     observation: jax.Array
     action: jax.Array
     next_observation: jax.Array
+    expected: jax.Array | None = None
 
 
 class DiscriminatorState(struct.PyTreeNode):
@@ -84,7 +95,8 @@ class DiscriminatorState(struct.PyTreeNode):
     Attributes:
       params: of the network.
       optimiser: state of Adam.
-      stats: of (s, a), `[O + A]`, over all grounded and target rows learned from.
+      stats: over all grounded and target rows learned from: of (s, a), `[O + A]`, or of (s, a, residual),
+        `[2 O + A]`.
       interpolation: the weights of "constant" interpolation, `[2 O + A]`.
     """
 
@@ -108,35 +120,47 @@ def init(
     return DiscriminatorState(
         params=params,
         optimiser=optax.adam(config.learning_rate).init(params),
-        stats=normalise.init(observation_size + action_size),
+        stats=normalise.init(inputs if config.next_as == "residual" else observation_size + action_size),
         interpolation=jax.random.uniform(interpolation_key, (inputs,)),
     )
 
 
-def network_inputs(stats: normalise.RunningStats, rows: Transitions, std_floor: float) -> jax.Array:
+def _measured(rows: Transitions, config: DiscriminatorConfig) -> jax.Array:
+    """The features of `rows` that statistics are kept of, `[B, F]`."""
+    pair = [rows.observation, rows.action]
+    if config.next_as == "observation":
+        return jnp.concatenate(pair, axis=-1)
+    if rows.expected is None:
+        raise ValueError(
+            'A discriminator with next_as="residual" needs rows with `expected`, see Transitions.'
+        )
+    return jnp.concatenate([*pair, rows.next_observation - rows.expected], axis=-1)
+
+
+def network_inputs(
+    stats: normalise.RunningStats, rows: Transitions, config: DiscriminatorConfig
+) -> jax.Array:
     """`[norm(s, a), norm(s')]`, `[B, 2 O + A]`; s' by the statistics of s, so that the step s' - s survives.
 
+    Or `norm(s, a, residual)`, every feature by its own statistics.
+
     Raises:
-      ValueError: the sizes are not those the discriminator was made for.
+      ValueError: the sizes are not those the discriminator was made for, or `expected` is missing.
     """
-    size = rows.observation.shape[-1]
-    if (
-        size + rows.action.shape[-1] != stats.mean.shape[-1]
-        or rows.next_observation.shape != rows.observation.shape
-    ):
+    measured = _measured(rows, config)
+    if measured.shape[-1] != stats.mean.shape[-1] or rows.next_observation.shape != rows.observation.shape:
         raise ValueError(
-            f"This discriminator takes observation and action of {stats.mean.shape[-1]} numbers together and "
-            f"a next observation, got shapes {rows.observation.shape}, {rows.action.shape} and "
-            f"{rows.next_observation.shape}; were they logged in another task?"
+            f"This discriminator keeps statistics of {stats.mean.shape[-1]} numbers, got {measured.shape[-1]} from "
+            f"shapes {rows.observation.shape}, {rows.action.shape} and {rows.next_observation.shape}; were they "
+            "logged in another task?"
         )
+    normal = normalise.normalise(stats, measured, config.std_floor)
+    if config.next_as == "residual":
+        return normal
+    size = rows.observation.shape[-1]
     of_s = normalise.RunningStats(stats.count, stats.mean[:size], stats.variance[:size])
-    pair = jnp.concatenate([rows.observation, rows.action], axis=-1)
     return jnp.concatenate(
-        [
-            normalise.normalise(stats, pair, std_floor),
-            normalise.normalise(of_s, rows.next_observation, std_floor),
-        ],
-        axis=-1,
+        [normal, normalise.normalise(of_s, rows.next_observation, config.std_floor)], axis=-1
     )
 
 
@@ -149,7 +173,7 @@ def logits_grounded_is_high(
     state: DiscriminatorState, rows: Transitions, config: DiscriminatorConfig
 ) -> jax.Array:
     """Log-odds `[B]` that each transition is the grounded simulator's."""
-    return _grounded_is_high(state.params, network_inputs(state.stats, rows, config.std_floor), config)
+    return _grounded_is_high(state.params, network_inputs(state.stats, rows, config), config)
 
 
 def reward(state: DiscriminatorState, rows: Transitions, config: DiscriminatorConfig) -> jax.Array:
@@ -184,8 +208,8 @@ def update(
             f"{grounded.observation.shape} and {target.observation.shape}."
         )
     both = jax.tree.map(lambda g, t: jnp.concatenate([g, t]), grounded, target)
-    stats = normalise.update(state.stats, jnp.concatenate([both.observation, both.action], axis=-1))
-    inputs = network_inputs(stats, both, config.std_floor)
+    stats = normalise.update(state.stats, _measured(both, config))
+    inputs = network_inputs(stats, both, config)
     rows = grounded.observation.shape[0]
     per_sample = config.interpolation == "per_sample"
     weight = jax.random.uniform(key, (rows, 1)) if per_sample else state.interpolation[None]

@@ -124,6 +124,7 @@ class GroundingState(flax.struct.PyTreeNode):
       discriminator: D.
       env_state: of B simulators.
       rollout_policy: which policy acts in each, `[B]`.
+      expected: next observations of the untouched simulator from the logged (s, a), `[K, M, O]`, where D wants them.
       key: for all later draws.
     """
 
@@ -134,6 +135,7 @@ class GroundingState(flax.struct.PyTreeNode):
     discriminator: DiscriminatorState
     env_state: State
     rollout_policy: jax.Array
+    expected: jax.Array | None
     key: jax.Array
 
     @property
@@ -185,6 +187,9 @@ def init(
         ),
         env_state=starts[0],
         rollout_policy=starts[1],
+        expected=jax.vmap(jax.vmap(env.predict))(log.observation, log.action)
+        if _needs_expected(config)
+        else None,
         key=key,
     )
 
@@ -200,9 +205,9 @@ def update(
     """
     key_collect, key_d, key_policy, key_value, key = jax.random.split(state.key, 5)
     env_state, rollout_policy, rows = _collect(key_collect, state, env, policies, log, config)
-    grounded = Transitions(rows.observation, rows.action, rows.next_observation)
+    grounded = Transitions(rows.observation, rows.action, rows.next_observation, rows.expected)
     learned, d_metrics = _update_discriminator(
-        key_d, state.discriminator, grounded, rows.rollout_policy, log, config
+        key_d, state.discriminator, grounded, rows.rollout_policy, log, state.expected, config
     )
     judge = learned if config.discriminator_first else state.discriminator
     rewards = discriminator.reward(judge, grounded, config.discriminator)
@@ -239,6 +244,10 @@ def update(
     return state, metrics
 
 
+def _needs_expected(config: GroundingConfig) -> bool:
+    return config.discriminator.next_as == "residual"
+
+
 def _less_siblings(rewards: jax.Array, config: GroundingConfig) -> jax.Array:
     """Rewards `[T * J * B]` less the mean of the other draws at the same state."""
     of_state = rewards.reshape(config.steps_per_iteration, config.branches, config.num_envs)
@@ -253,6 +262,7 @@ class _Rows(flax.struct.PyTreeNode):
     delta: jax.Array
     log_prob: jax.Array
     rollout_policy: jax.Array
+    expected: jax.Array | None
 
 
 def _collect(
@@ -271,13 +281,15 @@ def _collect(
         offers = jax.vmap(lambda actor, k: sac.act(actor, obs, k, config.rollout))(policies, keys)
         action = offers[which, every]
         # A branch is a copy of the whole row of simulators; the first is the one that goes on.
-        before, at, asked, asker = jax.tree.map(
-            lambda x: jnp.broadcast_to(x, (config.branches, *x.shape)), (env_state, obs, action, which)
+        expected = jax.vmap(env.predict)(obs, action) if _needs_expected(config) else None
+        before, at, asked, asker, expected = jax.tree.map(
+            lambda x: jnp.broadcast_to(x, (config.branches, *x.shape)),
+            (env_state, obs, action, which, expected),
         )
         delta, log_prob = transformer.sample(pi_g, key_delta, at, asked)
         executed = transformer.transform(delta, asked, low, high)
         reached = jax.vmap(jax.vmap(env.step))(before, executed)
-        row = _Rows(at, asked, reached.info["next_obs"], delta, log_prob, asker)
+        row = _Rows(at, asked, reached.info["next_obs"], delta, log_prob, asker, expected)
         after = jax.tree.map(lambda x: x[0], reached)
         ended = after.done > 0
         if config.restart_steps:
@@ -312,6 +324,7 @@ def _update_discriminator(
     grounded: Transitions,
     which: jax.Array,
     log: TargetLog,
+    expected: jax.Array | None,
     config: GroundingConfig,
 ) -> tuple[DiscriminatorState, Metrics]:
     count = config.discriminator_batch
@@ -322,7 +335,8 @@ def _update_discriminator(
         # As many target rows of a policy as grounded rows of it, with replacement (facts 13 and 14 of the release).
         of = which[rows]
         at = jax.random.randint(key_target, (count,), 0, log.count[of])
-        target = Transitions(log.observation[of, at], log.action[of, at], log.next_observation[of, at])
+        every = Transitions(log.observation, log.action, log.next_observation, expected)
+        target = jax.tree.map(lambda x: x[of, at], every)
         chosen = jax.tree.map(lambda x: x[rows], grounded)
         return discriminator.update(state, chosen, target, key_update, config.discriminator)
 

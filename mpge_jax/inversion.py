@@ -90,7 +90,7 @@ def invert(env: Env, log: TargetLog, config: InversionConfig) -> Inverted:
     mean = jnp.sum(change * weight[:, None], axis=0) / total
     scale = jnp.sqrt(jnp.sum(weight[:, None] * (change - mean[None]) ** 2, axis=0) / total) + 1e-6
 
-    predict = jax.vmap(lambda obs, act: env.step(env.state_from_obs(obs), act).info["next_obs"])
+    predict = jax.vmap(env.predict)
 
     def residual(act: jax.Array) -> jax.Array:
         return (predict(observation, act) - target) / scale[None]

@@ -41,7 +41,7 @@ def one_step_error(env: Env, pi_g: Transformer, log: TargetLog, rows: jax.Array)
 
     def predict(observation: jax.Array, action: jax.Array) -> jax.Array:
         executed = transformer.deterministic(pi_g, observation, action, low, high)
-        return env.step(env.state_from_obs(observation), executed).info["next_obs"]
+        return env.predict(observation, executed)
 
     predicted = jax.vmap(jax.vmap(predict))(log.observation, log.action)
     total = jnp.sum(rows)

@@ -101,7 +101,7 @@ def test_interpolation(config):
         both = jax.tree.map(lambda g, t: jnp.concatenate([g, t]), grounded, target)
         pair = jnp.concatenate([both.observation, both.action], axis=-1)
         stats = normalise.update(normalise.init(OBS + ACT), pair)
-        inputs = discriminator.network_inputs(stats, both, config.std_floor)
+        inputs = discriminator.network_inputs(stats, both, config)
         weight = state.interpolation[None]
         between = weight * inputs[:ROWS] + (1.0 - weight) * inputs[ROWS:]
         expected = discriminator.gradient_penalty(state.params, between, config)
@@ -124,8 +124,51 @@ def test_inputs_by_hand():
     rows = Transitions(jnp.array([[3.0, 10.5]]), jnp.array([[0.0]]), jnp.array([[5.0, 9.0]]))
     # (3-1)/2, (10.5-10)/0.1 with the floor, (0+1)/0.5, (5-1)/2, (9-10)/0.1
     np.testing.assert_allclose(
-        discriminator.network_inputs(stats, rows, std_floor=0.1), [[1.0, 5.0, 2.0, 2.0, -10.0]], rtol=1e-5
+        discriminator.network_inputs(stats, rows, SMALL), [[1.0, 5.0, 2.0, 2.0, -10.0]], rtol=1e-5
     )
+
+
+def test_inputs_with_a_residual_by_hand():
+    config = dataclasses.replace(SMALL, next_as="residual")
+    stats = normalise.RunningStats(
+        count=jnp.array(9.0),
+        mean=jnp.array([1.0, 10.0, -1.0, 0.5, 0.0]),
+        variance=jnp.array([4.0, 0.0, 0.25, 1.0, 0.0]),
+    )
+    rows = Transitions(
+        observation=jnp.array([[3.0, 10.5]]),
+        action=jnp.array([[0.0]]),
+        next_observation=jnp.array([[5.0, 9.0]]),
+        expected=jnp.array([[3.5, 9.25]]),
+    )
+    # The residuals are 5 - 3.5 = 1.5 and 9 - 9.25 = -0.25: (1.5-0.5)/1 and (-0.25-0)/0.1 with the floor.
+    np.testing.assert_allclose(
+        discriminator.network_inputs(stats, rows, config), [[1.0, 5.0, 2.0, 1.0, -2.5]], rtol=1e-5
+    )
+    with pytest.raises(ValueError, match="needs rows with `expected`"):
+        discriminator.network_inputs(stats, rows.replace(expected=None), config)
+
+
+def test_a_residual_is_all_that_tells_one_step_from_another():
+    config = dataclasses.replace(SMALL, next_as="residual")
+    state = discriminator.init(jax.random.key(0), OBS, ACT, config)
+
+    def rows(seed, step):
+        made = transitions(seed, step)
+        return made.replace(expected=transitions(seed, 1.0).next_observation)
+
+    def learn(state, key):
+        return discriminator.update(state, rows(1, 1.0), rows(2, 1.5), key, config)
+
+    state, _ = jax.jit(lambda s: jax.lax.scan(learn, s, jax.random.split(jax.random.key(3), 300)))(state)
+    fresh = jnp.concatenate(
+        [
+            discriminator.logits_grounded_is_high(state, rows(seed, step), config)
+            for seed, step in ((7, 1.0), (8, 1.5))
+        ]
+    )
+    right = np.asarray(fresh > 0) == (np.arange(2 * ROWS) < ROWS)
+    assert right.mean() > 0.8
 
 
 def test_statistics_take_in_both_sides():
@@ -234,7 +277,7 @@ def test_unequal_sides_are_refused():
 
 def test_another_tasks_rows_are_refused():
     state = discriminator.init(jax.random.key(0), OBS + 1, ACT, SMALL)
-    with pytest.raises(ValueError, match=r"of 4 numbers together .* logged in another task"):
+    with pytest.raises(ValueError, match=r"statistics of 4 numbers, got 3 .* logged in another task"):
         discriminator.reward(state, transitions(1, 0.5), SMALL)
 
 

@@ -170,7 +170,9 @@ def test_target_rows_match_the_policies_of_the_grounded_rows(monkeypatch):
     grounded = Transitions(mark, rows[:, None], mark + 100)
     state = discriminator.init(jax.random.key(0), 2, 1, CONFIG.discriminator)
     update = jax.jit(partial(grounding._update_discriminator, config=CONFIG))
-    _, metrics = update(jax.random.key(3), state, grounded, which, marked_log([4, 7, 2]))
+    log = marked_log([4, 7, 2])
+    grounded = grounded.replace(expected=mark + 50)
+    _, metrics = update(jax.random.key(3), state, grounded, which, log, log.observation + 50)
     found, target = jax.tree.map(np.asarray, (metrics["grounded"], metrics["target"]))
     assert np.isfinite(target.observation).all()
     np.testing.assert_array_equal(
@@ -181,8 +183,29 @@ def test_target_rows_match_the_policies_of_the_grounded_rows(monkeypatch):
     assert set(target.observation[target.observation[:, 0] == 1, 1]) == set(range(7))
     np.testing.assert_array_equal(target.action[:, 0], target.observation @ np.array([10.0, 1.0]))
     np.testing.assert_array_equal(target.next_observation, target.observation + 100)
+    np.testing.assert_array_equal(target.expected, target.observation + 50)
     np.testing.assert_array_equal(found.action[:, 0], found.observation[:, 1])
+    np.testing.assert_array_equal(found.expected, found.observation + 50)
     np.testing.assert_array_equal(found.next_observation, found.observation + 100)
+
+
+def test_residuals_are_against_the_untouched_simulator_under_the_raw_action():
+    judged = dataclasses.replace(CONFIG.discriminator, next_as="residual")
+    state, rows = collected(dataclasses.replace(CONFIG, discriminator=judged))
+    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), rows)
+    asked = small.step_from(SOURCE, flat.observation, np.clip(flat.action, LOW, HIGH))
+    np.testing.assert_allclose(flat.expected, asked, atol=1e-6)
+    log = small.log(log_std=-18.0)
+    logged = np.arange(log.observation.shape[1])[None] < np.asarray(log.count)[:, None]
+    before, action, after, expected = (
+        np.asarray(x)[logged] for x in (log.observation, log.action, log.next_observation, state.expected)
+    )
+    asked = np.clip(action, LOW, HIGH)
+    np.testing.assert_allclose(expected, small.step_from(SOURCE, before, asked), atol=1e-6)
+    # With the target's force put back nothing is left of the residual; without it, something is.
+    skewed = small.step_from(SOURCE, before, np.clip(asked + 1.5, LOW, HIGH))
+    np.testing.assert_allclose(after, skewed, atol=2e-5)
+    assert np.abs(after - expected).max(axis=1).min() > 0.05
 
 
 @pytest.mark.parametrize("first", [True, False])
