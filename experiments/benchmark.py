@@ -29,7 +29,7 @@ import envs
 from envs.tasks import gymnasium_spec
 from experiments.storage import versions
 from mpge_jax import buffer, files, grounding, policies, sac, target_log
-from mpge_jax.grounding import GroundingConfig
+from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.sac import SACConfig
 
 PARTS = ("envs", "grounding", "sac")

@@ -114,14 +114,12 @@ class Outcome:
     Attributes:
       rows: one dict of results for each seed.
       curve: of the grounding, every metric `[iterations, S, N]`, or empty.
-      logs: the target logs, every leaf `[S, ...]`, or None.
       transformers: every leaf `[S, N, ...]`, or None.
       agents: the deployed policies, S of them.
     """
 
     rows: list[dict[str, Any]]
     curve: Curve
-    logs: TargetLog | None
     transformers: Transformer | None
     agents: PolicySet
 
@@ -159,7 +157,7 @@ def run(cell: Cell, folder: Path, quiet: bool = False) -> Outcome:
         }
         for i, seed in enumerate(cell.seeds)
     ]
-    return Outcome(rows, curve, logs, transformers, agents)
+    return Outcome(rows, curve, transformers, agents)
 
 
 def _policies(cell: Cell, method: Method) -> int:
@@ -199,7 +197,7 @@ def _ground(
         return jax.tree.map(lambda x: x.reshape(seeds, members, *x.shape[1:]), tree)
 
     def keys(stage: str) -> jax.Array:
-        return jax.vmap(lambda key: jax.random.split(key, members))(cell.keys(stage)).reshape(-1)
+        return jax.vmap(lambda key: jax.random.split(key, members))(cell.keys(stage))
 
     start: Transformer | None = None
     curve: Curve = {}
@@ -207,11 +205,10 @@ def _ground(
     if method.grounding == "both":
         learned_from, held_out = jax.vmap(prediction.hold_out, (0, None))(logs, cell.preset.plus.held_out)
     if method.grounding in ("inversion", "both"):
-        start, _ = ensemble.invert_ensemble(
-            source, repeat(learned_from), cell.preset.inversion, keys("inversion")
-        )
+        inverted, _ = ensemble.invert_ensemble(source, learned_from, cell.preset.inversion, keys("inversion"))
         if method.grounding == "inversion":
-            return fold(start), curve
+            return inverted, curve
+        start = jax.tree.map(lambda x: x.reshape(seeds * members, *x.shape[2:]), inverted)
         config = cell.preset.plus.grounding(config)
         start = start.replace(
             params={
@@ -224,7 +221,7 @@ def _ground(
         repeat(sets),
         repeat(learned_from),
         config,
-        keys("grounding"),
+        keys("grounding").reshape(-1),
         truth=transform_error.truth_of(target),
         start=start,
         folder=folder / "grounding",

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from mpge_jax.agent import AgentConfig
 from mpge_jax.discriminator import DiscriminatorConfig
-from mpge_jax.grounding import GroundingConfig
+from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.inversion import InversionConfig
 from mpge_jax.sac import SACConfig
 from mpge_jax.transformer import TransformerConfig

@@ -3,7 +3,7 @@
 from mpge_jax.diagnosis import diagnose
 from mpge_jax.ensemble import ground, ground_ensemble, invert_ensemble
 from mpge_jax.grounded_env import GroundedEnv
-from mpge_jax.grounding import GroundingConfig
+from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.inversion import InversionConfig
 from mpge_jax.policies import PolicySet
 from mpge_jax.target_log import TargetLog

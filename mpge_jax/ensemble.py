@@ -14,7 +14,8 @@ import numpy as np
 
 from envs import Env
 from mpge_jax import grounding, inversion, loop, target_log, transform_error
-from mpge_jax.grounding import GroundingConfig, GroundingState
+from mpge_jax.grounding import GroundingState
+from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.inversion import InversionConfig
 from mpge_jax.loop import Curve
 from mpge_jax.policies import PolicySet
@@ -162,14 +163,22 @@ def _digest(tree: Any) -> str:
 def invert_ensemble(
     env: Env, logs: TargetLog, config: InversionConfig, keys: jax.Array
 ) -> tuple[Transformer, jax.Array]:
-    """N transformers by supervised inversion of the simulator, each from its own log `[N, ...]` and key `[N]`.
+    """Transformers by supervised inversion of the simulator: M of each of N logs, which is inverted once.
+
+    Args:
+      env: the simulator.
+      logs: every leaf `[N, ...]`.
+      config: how to invert and regress.
+      keys: `[N, M]`, consumed.
 
     Returns:
-      The transformers, every leaf `[N, ...]`, and the median misfit of each inversion, `[N]`.
+      The transformers, every leaf `[N, M, ...]`, and the median misfit of each inversion, `[N]`.
 
     Raises:
       ValueError: a log that does not fit `env`, or another number of logs than of keys.
     """
+    if keys.ndim != 2:
+        raise ValueError(f"invert_ensemble wants keys of shape [logs, members], got {keys.shape}")
     _check_stacked(keys, {"target logs": logs.count})
     for member in range(keys.shape[0]):
         target_log.validate(jax.tree.map(lambda x, m=member: x[m], logs), env)
@@ -177,6 +186,6 @@ def invert_ensemble(
     def one(key: jax.Array, log: TargetLog) -> tuple[Transformer, jax.Array]:
         inverted = inversion.invert(env, log, config)
         misfit = jnp.nanmedian(jnp.where(inverted.weight > 0, inverted.misfit, jnp.nan))
-        return inversion.regress(key, inverted, config), misfit
+        return jax.vmap(lambda k: inversion.regress(k, inverted, config))(key), misfit
 
     return jax.jit(jax.vmap(one))(keys, logs)

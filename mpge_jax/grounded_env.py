@@ -36,6 +36,15 @@ class GroundedEnv:
         member = jax.random.randint(key_member, (), 0, self._members.input_mean.shape[0])
         return state.replace(info={**state.info, "member": member})
 
+    def state_from_obs(self, obs: jax.Array, member: int | jax.Array = 0) -> State:
+        """A state that has the observation `obs [O]`, grounded by the transformer `member`; else as the simulator's."""
+        state = self._env.state_from_obs(obs)
+        return state.replace(info={**state.info, "member": jnp.asarray(member)})
+
+    def predict(self, obs: jax.Array, action: jax.Array, member: int | jax.Array = 0) -> jax.Array:
+        """The next observation `[O]` after `action [A]` in a state that has the observation `obs [O]`."""
+        return self.step(self.state_from_obs(obs, member), action).info["next_obs"]
+
     def step(self, state: State, action: jax.Array) -> State:
         """One step of the simulator under the transformed `action [A]`."""
         pi_g = jax.tree.map(lambda x: x[state.info["member"]], self._members)

@@ -52,6 +52,17 @@ def test_one_transformer_is_an_ensemble_of_one(pendulum):
     np.testing.assert_allclose(after.obs, reached.obs, atol=1e-6)
 
 
+def test_a_state_from_an_observation_is_grounded_by_the_member_named(pendulum):
+    obs = np.array([0.01, 0.02, -0.1, 0.3], np.float32)
+    for member, delta in enumerate(DELTAS):
+        after = pendulum.step(pendulum.state_from_obs(jnp.asarray(obs), member), jnp.array([0.25]))
+        reached = small.step_from("InvertedPendulum", obs[None], np.array([[0.25 + delta]], np.float32))[0]
+        np.testing.assert_allclose(after.obs, reached, atol=1e-6)
+        np.testing.assert_allclose(
+            pendulum.predict(jnp.asarray(obs), jnp.array([0.25]), member), reached, atol=1e-6
+        )
+
+
 def test_the_same_state_and_action_give_the_same_step(pendulum):
     state = pendulum.reset(jax.random.key(1))
     first, second = (pendulum.step(state, jnp.array([0.3])) for _ in range(2))

@@ -12,6 +12,7 @@ from scipy import stats
 
 import mpge_jax
 from mpge_jax import (
+    collect,
     discriminator,
     ensemble,
     grounding,
@@ -24,7 +25,7 @@ from mpge_jax import (
     value,
 )
 from mpge_jax.discriminator import DiscriminatorConfig, Transitions
-from mpge_jax.grounding import GroundingConfig
+from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.sac import SACConfig
 from mpge_jax.target_log import TargetLog
 from mpge_jax.transformer import TransformerConfig
@@ -48,6 +49,11 @@ SOURCE = "InvertedPendulum"
 LOW, HIGH = np.array([-3.0], np.float32), np.array([3.0], np.float32)
 
 
+def collected_rows(key, state, env, actors, log, config):
+    begun = state.env_state, state.rollout_policy
+    return collect.collect(key, state.current, begun, env, actors, log, config)[1]
+
+
 def collected(config: GroundingConfig):
     """Rows `[T, B, ...]` of one collection, by policies without spread, and the state that collected them."""
     env, log = small.env(SOURCE), small.log(log_std=-18.0)
@@ -56,7 +62,7 @@ def collected(config: GroundingConfig):
     @jax.jit
     def run(key):
         state = grounding.init(key, env, actors, log, config)
-        return state, grounding._collect(jax.random.key(1), state, env, actors, log, config)[2]
+        return state, collected_rows(jax.random.key(1), state, env, actors, log, config)
 
     state, rows = run(jax.random.key(0))
     shape = (config.steps_per_iteration, config.num_envs)
@@ -230,7 +236,7 @@ def test_reward_advantage_and_average_of_an_iteration(monkeypatch, first):
         state = grounding.init(key, env, actors, log, config)
         after, metrics = grounding.update(state, env, actors, log, config)
         key_collect = jax.random.split(state.key, 5)[0]
-        _, _, rows = grounding._collect(key_collect, state, env, actors, log, config)
+        rows = collected_rows(key_collect, state, env, actors, log, config)
         transitions = Transitions(rows.observation, rows.action, rows.next_observation)
         by = {
             name: discriminator.reward(judge.discriminator, transitions, config.discriminator)
@@ -396,7 +402,7 @@ def test_branches_share_their_state_and_the_first_is_followed():
     @jax.jit
     def run(key):
         state = grounding.init(key, env, actors, log, config)
-        return grounding._collect(jax.random.key(1), state, env, actors, log, config)[2]
+        return collected_rows(jax.random.key(1), state, env, actors, log, config)
 
     rows = jax.tree.map(
         lambda x: np.asarray(x).reshape(config.steps_per_iteration, 3, config.num_envs, *x.shape[1:]),

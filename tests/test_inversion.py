@@ -89,20 +89,22 @@ def test_what_padding_holds_does_not_matter(skew):
 
 
 def test_logs_that_do_not_fit_are_named():
-    env, keys = small.env("InvertedPendulum"), jax.random.split(jax.random.key(0), 2)
+    env, keys = small.env("InvertedPendulum"), jax.random.split(jax.random.key(0), (2, 1))
     with pytest.raises(ValueError, match="2 keys ask for as many target logs"):
         mpge_jax.invert_ensemble(env, small.stacked(small.log()), CONFIG, keys)
+    with pytest.raises(ValueError, match=r"keys of shape \[logs, members\], got \(2,\)"):
+        mpge_jax.invert_ensemble(env, small.stacked(small.log(), small.log()), CONFIG, keys[:, 0])
     broken = small.log().replace(observation=small.log().observation.at[0, 1].set(jnp.nan))
     with pytest.raises(ValueError, match="observation of policy 0 is not finite in row 1"):
         mpge_jax.invert_ensemble(env, small.stacked(small.log(), broken), CONFIG, keys)
 
 
-def test_an_ensemble_of_inversions_starts_from_different_networks():
-    logs = small.stacked(small.log(), small.log())
-    keys = jax.random.split(jax.random.key(0), 2)
+def test_the_members_of_an_inversion_start_from_different_networks():
+    logs = small.stacked(small.log())
+    keys = jax.random.split(jax.random.key(0), (1, 2))
     members, misfit = mpge_jax.invert_ensemble(small.env("InvertedPendulum"), logs, CONFIG, keys)
-    assert misfit.shape == (2,) and float(misfit.max()) < 1e-2
-    kernel = members.params["mean"]["params"]["Dense_0"]["kernel"]
+    assert misfit.shape == (1,) and float(misfit.max()) < 1e-2
+    (kernel,) = members.params["mean"]["params"]["Dense_0"]["kernel"]
     assert kernel.shape == (2, 5, 16)
     assert np.abs(np.asarray(kernel[0]) - np.asarray(kernel[1])).max() > 0.1
 

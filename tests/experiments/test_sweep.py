@@ -21,7 +21,7 @@ from experiments.presets import PRESETS, PlusSettings, Preset, TaskSettings
 from mpge_jax import policies, target_log
 from mpge_jax.agent import AgentConfig
 from mpge_jax.discriminator import DiscriminatorConfig
-from mpge_jax.grounding import GroundingConfig
+from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.inversion import InversionConfig
 from mpge_jax.transformer import TransformerConfig
 from mpge_jax.trpo import TRPOConfig
@@ -100,7 +100,7 @@ def outcome(cell: methods.Cell, value: float = 250.0) -> Outcome:
         for seed in cell.seeds
     ]
     curve = {"error_uniform": np.linspace(1.0, 0.3, 8).reshape(4, 2, 1)} if cell.samples else {}
-    return Outcome(rows, curve, None, None, small.policy_set())
+    return Outcome(rows, curve, None, small.policy_set())
 
 
 @pytest.fixture

@@ -1,0 +1,102 @@
+"""What grounding learns from: transitions of the simulator as K rollout policies drive it through pi_g.
+
+Shapes: as in `mpge_jax.grounding`.
+"""
+
+from typing import Any
+
+import flax.struct
+import jax
+import jax.numpy as jnp
+
+from envs import Env, State
+from mpge_jax import sac, transformer
+from mpge_jax.grounding_config import GroundingConfig
+from mpge_jax.sac import Actor
+from mpge_jax.target_log import TargetLog
+from mpge_jax.transformer import Transformer
+
+
+class Rows(flax.struct.PyTreeNode):
+    """T * J * B transitions of the grounded simulator, the branches of a state J * B rows apart at most.
+
+    Attributes:
+      observation, action, next_observation: (s, a, s'), a the raw action of the rollout policy.
+      delta: the draw of pi_g, before any clipping.
+      log_prob: of `delta`.
+      rollout_policy: which policy asked for `action`.
+      expected: where the untouched simulator goes from (s, a), for a discriminator of residuals; else None.
+    """
+
+    observation: jax.Array
+    action: jax.Array
+    next_observation: jax.Array
+    delta: jax.Array
+    log_prob: jax.Array
+    rollout_policy: jax.Array
+    expected: jax.Array | None
+
+
+def collect(
+    key: jax.Array,
+    pi_g: Transformer,
+    begun: tuple[State, jax.Array],
+    env: Env,
+    policies: Actor,
+    log: TargetLog,
+    config: GroundingConfig,
+) -> tuple[tuple[State, jax.Array], Rows]:
+    """T steps of B simulators under K rollout policies and pi_g. `key` is consumed.
+
+    Args:
+      begun: the B simulators, and the rollout policy that acts in each, `[B]`; as from `start`.
+
+    Returns:
+      What `begun` has become, and the rows in the order `[T, J, B]`.
+    """
+    low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
+    every = jnp.arange(config.num_envs)
+
+    def body(carry: tuple[State, jax.Array], key: jax.Array) -> tuple[Any, Rows]:
+        env_state, which = carry
+        key_act, key_delta, key_start = jax.random.split(key, 3)
+        obs = env_state.obs
+        # All K policies act and one is picked: cheaper than gathering B copies of a policy's weights.
+        keys = jax.random.split(key_act, policies.action_scale.shape[0])
+        offers = jax.vmap(lambda actor, k: sac.act(actor, obs, k, config.rollout))(policies, keys)
+        action = offers[which, every]
+        # A branch is a copy of the whole row of simulators; the first is the one that goes on.
+        expected = jax.vmap(env.predict)(obs, action) if config.needs_expected else None
+        before, at, asked, asker, expected = jax.tree.map(
+            lambda x: jnp.broadcast_to(x, (config.branches, *x.shape)),
+            (env_state, obs, action, which, expected),
+        )
+        delta, log_prob = transformer.sample(pi_g, key_delta, at, asked)
+        executed = transformer.transform(delta, asked, low, high)
+        reached = jax.vmap(jax.vmap(env.step))(before, executed)
+        row = Rows(at, asked, reached.info["next_obs"], delta, log_prob, asker, expected)
+        after = jax.tree.map(lambda x: x[0], reached)
+        ended = after.done > 0
+        if config.restart_steps:
+            ended = ended | (after.info["steps"] >= config.restart_steps)
+        fresh = jax.vmap(lambda k: start(k, env, log, config))(jax.random.split(key_start, config.num_envs))
+        carry = jax.tree.map(
+            lambda new, old: jnp.where(ended.reshape(ended.shape + (1,) * (new.ndim - 1)), new, old),
+            fresh,
+            (after, which),
+        )
+        return carry, row
+
+    keys = jax.random.split(key, config.steps_per_iteration)
+    begun, rows = jax.lax.scan(body, begun, keys)
+    return begun, jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), rows)
+
+
+def start(key: jax.Array, env: Env, log: TargetLog, config: GroundingConfig) -> tuple[State, jax.Array]:
+    """The first state of an episode, and the rollout policy drawn for it, `[]`. `key` is consumed."""
+    key_policy, key_state = jax.random.split(key)
+    which = jax.random.randint(key_policy, (), 0, log.count.shape[0])
+    if config.restart_steps:
+        row = jax.random.randint(key_state, (), 0, log.count[which])
+        return env.state_from_obs(log.observation[which, row]), which
+    return env.reset(key_state), which
