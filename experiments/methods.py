@@ -4,6 +4,7 @@ Shapes: `S` seeds, `K` rollout policies, `N` transformers of a seed.
 """
 
 import dataclasses
+import time
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -113,12 +114,14 @@ class Outcome:
 
     Attributes:
       rows: one dict of results for each seed.
+      grounding_seconds: what making the transformers took, of all seeds together.
       curve: of the grounding, every metric `[iterations, S, N]`, or empty.
       transformers: every leaf `[S, N, ...]`, or None.
       agents: the deployed policies, S of them.
     """
 
     rows: list[dict[str, Any]]
+    grounding_seconds: float
     curve: Curve
     transformers: Transformer | None
     agents: PolicySet
@@ -137,9 +140,12 @@ def run(cell: Cell, folder: Path, quiet: bool = False) -> Outcome:
     transformers: Transformer | None = None
     curve: Curve = {}
     extra: list[dict[str, Any]] = [{} for _ in cell.seeds]
+    grounding_seconds = 0.0
     if method.uses_samples:
         logs = _record(cell, method, target, sets, folder)
+        started = time.monotonic()
         transformers, curve = _ground(cell, method, source, target, sets, logs, folder, quiet)
+        grounding_seconds = time.monotonic() - started
         extra = _errors(cell, source, target, transformers)
     learners = _train(cell, method, source, target, sets, transformers, folder, quiet)
     agents = policies.from_learners(learners)
@@ -157,7 +163,7 @@ def run(cell: Cell, folder: Path, quiet: bool = False) -> Outcome:
         }
         for i, seed in enumerate(cell.seeds)
     ]
-    return Outcome(rows, curve, transformers, agents)
+    return Outcome(rows, grounding_seconds, curve, transformers, agents)
 
 
 def _policies(cell: Cell, method: Method) -> int:

@@ -71,14 +71,15 @@ def returns_figure(rows: Rows, path: Path, task: str) -> None:
     """Mean return in the target against samples, one line a method; direct and target as levels."""
     figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
     groups = _groups(rows)
-    for method, colour in _COLOURS.items():
+    shown = [method for method in _COLOURS if any(name == method for name, _ in groups)]
+    for place, (method, colour) in enumerate((m, _COLOURS[m]) for m in shown):
         sizes = sorted(samples for name, samples in groups if name == method)
-        if not sizes:
-            continue
         values = [[row["return_stochastic"] for row in groups[method, samples]] for samples in sizes]
         means = [float(np.mean(v)) for v in values]
         errors = [_spread(v) if len(v) > 1 else 0.0 for v in values]
-        axes.errorbar(sizes, means, errors, color=colour, marker="o", capsize=3, label=method)
+        # Side by side, or methods of one return would hide each other.
+        beside = np.array(sizes) * 1.02 ** (place - (len(shown) - 1) / 2)
+        axes.errorbar(beside, means, errors, color=colour, marker="o", capsize=3, label=method)
     for method, style in (("direct", ":"), ("target", "--")):
         if (method, 0) in groups:
             level = float(np.mean([row["return_stochastic"] for row in groups[method, 0]]))
@@ -86,6 +87,11 @@ def returns_figure(rows: Rows, path: Path, task: str) -> None:
     axes.set(
         xscale="log", xlabel="transitions recorded in the target", ylabel="return in the target", title=task
     )
+    budgets = sorted({samples for _, samples in groups if samples})
+    if budgets:
+        axes.set_xlim(budgets[0] / 1.3, budgets[-1] * 1.3)
+    axes.set_xticks(budgets, [f"{samples:,}" for samples in budgets])
+    axes.set_xticks([], minor=True)
     axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
     _save(figure, path)
 

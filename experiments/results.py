@@ -149,13 +149,15 @@ def budgets(identity: dict[str, Any]) -> str:
 
 def seconds_table(sweep: Sweep) -> list[str]:
     """Wall time of every cell, all seeds together."""
-    total: dict[tuple[str, int], float] = {}
+    spent: dict[tuple[str, int], list[float]] = {}
     for row in sorted(sweep.rows, key=_place):
-        cell = row["method"], row["samples"]
-        total[cell] = total.get(cell, 0.0) + row.get("seconds", float("nan"))
+        times = spent.setdefault((row["method"], row["samples"]), [0.0, 0.0])
+        times[0] += row.get("seconds", float("nan")) / 60
+        times[1] += row.get("grounding_seconds", 0.0) / 60
     parts = [
-        f"{method}{f' at {samples:,}' if samples else ''} {seconds / 60:.1f}"
-        for (method, samples), seconds in total.items()
+        f"{method}{f' at {samples:,}' if samples else ''} {whole:.1f}"
+        + (f" (grounding {grounding:.1f})" if grounding > 0 else "")
+        for (method, samples), (whole, grounding) in spent.items()
     ]
     return [f"Wall time in minutes, all seeds of a cell together: {'; '.join(parts)}."]
 

@@ -126,7 +126,9 @@ def sweep(args: Args) -> int:
             console.print(f"{label}: failed, {summary}", highlight=False, markup=False)
             continue
         seconds = time.monotonic() - started
-        rows = [{**row, "seconds": round(seconds / len(outcome.rows), 1)} for row in outcome.rows]
+        spent = {"seconds": seconds, "grounding_seconds": outcome.grounding_seconds}
+        share = {name: round(value / len(outcome.rows), 1) for name, value in spent.items()}
+        rows = [{**row, **share} for row in outcome.rows]
         folder.save_cell(cell.method, cell.samples, rows, outcome.curve, outcome.transformers, outcome.agents)
         mean = sum(row["return_stochastic"] for row in rows) / len(rows)
         console.print(f"{label}: return {mean:.0f} in the target, {seconds:.0f} s", highlight=False)

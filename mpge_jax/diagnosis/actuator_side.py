@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, Step
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fit import Fitted, timing_error
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import is_joint_transmission
 from mpge_jax.diagnosis.noise import column_noise
@@ -71,7 +71,8 @@ def _log(source: Source, ctx: Context, actuator: int, dt: float, first_block: in
         joint, gear = int(m.actuator_trnid[actuator, 0]), float(m.actuator_gear[actuator, 0])
         length = gear * source.states.qpos[:, m.jnt_qposadr[joint]]
         speed = gear * source.states.qvel[:, m.jnt_dofadr[joint]]
-    at = np.clip(((t - t[0]) / dt + 1e-6).astype(int), 0, grid.size - 1)
+    # the first point of the grid that sees the row's own command
+    at = np.clip(np.ceil((t - t[0]) / dt - 1e-6).astype(int), 0, grid.size - 1)
     block = first_block + ((t - t[0]) / BLOCK_S).astype(int)
     return _Log(u[None], at[good], r.known("force")[good, actuator], length[good], speed[good], block[good])
 
@@ -130,6 +131,20 @@ class ActuatorSide:
     table: list[dict[str, Any]] = field(default_factory=list)
     sentences: list[str] = field(default_factory=list)
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def between_rows(self) -> tuple[set[int], dict[int, float]]:
+        """Actuators whose force lags behind the command, and those with back-EMF with their force per command."""
+        lag: set[int] = set()
+        back_emf: dict[int, float] = {}
+        for f in self.fits:
+            parts = {t.id: (t.place.index, x) for t, x in f.hypothesis.split(self.ctx, f.theta).items()}
+            if "actuator_lag" in parts:
+                lag.add(parts["actuator_lag"][0])
+            if "back_emf" in parts:
+                a = parts["back_emf"][0]
+                factor = float(parts["actuator_gain"][1][0]) if "actuator_gain" in parts else 1.0
+                back_emf[a] = factor * float(self.ctx.model.actuator_gainprm[a, 0])
+        return lag, back_emf
 
     def export(self, spec: mujoco.MjSpec) -> dict[Term, bool]:
         """Add native forms to a compiled spec; returns which effects have one."""
@@ -248,7 +263,9 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
     )
     ctx = replace(p.ctx, model=nominal, drive=np.maximum(np.nan_to_num(drive), 1e-6))
     out = ActuatorSide(ctx=ctx)
-    dt = 0.5 * ctx.period
+    steps = np.concatenate([np.diff(s.recording.time) for s in together])
+    jittered = float(np.quantile(np.abs(steps - ctx.period), 0.9)) > 0.01 * ctx.period
+    dt = (0.25 if jittered else 0.5) * ctx.period
     for a in np.flatnonzero(p.measured):
         place = Place("actuator", p.names.actuators[a], int(a))
         logs: dict[bool, list[_Log]] = {False: [], True: []}
@@ -267,6 +284,9 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         sigma = max(sigma if np.isfinite(sigma) else 0.0, 1e-5 * float(ctx.drive[a]), 1e-9)
         data = _Data(logs[False], logs[True], sigma, dt)
         f = _search(nominal, ctx, place, data, ids)
+        if f.cov.size:
+            late = timing_error(f.hypothesis.params(ctx), f.theta, float(nominal.opt.timestep))
+            f = replace(f, cov=f.cov + np.diag(late**2))
         plain = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
         before = _residual(nominal, ctx, plain, int(a), data.held, data) * sigma
         after = _residual(nominal, ctx, f, int(a), data.held, data) * sigma

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.rotations import integrate
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.states import estimate
+from mpge_jax.diagnosis.verdict import noise_floor
 from mpge_jax.diagnosis.whiten import column_scale, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.windows import Source, Windows, cut
 
@@ -20,19 +21,30 @@ Array = np.ndarray
 SEGMENT = 0.8
 
 
-def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> tuple[float, float]:
-    """(mean, standard error) of the windows' loss when `f` is the truth, with the same noise and commands.
+@dataclass(frozen=True)
+class Floor:
+    """What a true hypothesis would leave: mean and standard error of the windows' loss, and the root-mean-square
+    error relative to `verdict.noise_floor`, which takes start state and measurements for independent (they are not:
+    the state was smoothed from the same measurements)."""
 
-    Stretches of the held-out and training recordings are simulated anew from their own states, noise is added,
-    and they go through smoothing, cutting and whitening like the real ones.
+    loss: float = 1.0
+    error: float = 0.05
+    ratio: float = 1.0
+
+
+def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> Floor:
+    """The floor when `f` is the truth, with the same noise and commands.
+
+    Stretches of the training recordings are simulated anew from their own states, noise is added, and they go
+    through smoothing, cutting and whitening like the real ones.
     """
     sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
     w = prepared.windows(held=False, duration=SEGMENT, limit=limit, seed=5)
     if not w.count or w.times.shape[1] < 14:
-        return 1.0, 0.05
+        return Floor()
     segments = [r for r in _simulated(prepared, f, w, rng) if r.time.size >= 14]
     if not segments:
-        return 1.0, 0.05
+        return Floor()
     noise, states, _ = estimate(segments, sim.model, prepared.names)
     noise = replace(noise, qpos=prepared.noise.qpos, qvel=prepared.noise.qvel)
     if prepared.noise.direct:
@@ -41,13 +53,18 @@ def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> tuple[float, float]
     duration = min(prepared.config.decide_s, 0.45 * SEGMENT)
     cuts = cut(sources, sim.model, noise, duration, 2 * limit, prepared.dt, rng)
     if not cuts.count:
-        return 1.0, 0.05
+        return Floor()
     white = whitener(
         sim, f.hypothesis, f.theta, cuts, noise, [numerics(sim, f.hypothesis, f.theta, cuts)], temper=False
     )
-    x = white.excess(white(sim.residuals([Run(f.hypothesis, f.theta)], cuts)))[0]
-    loss = robust_loss(x)
-    return float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1)))
+    residual = sim.residuals([Run(f.hypothesis, f.theta)], cuts)[0]
+    loss = robust_loss(white.excess(white(residual[None]))[0])
+    expected = noise_floor(sim, f, cuts, column_scale(noise, sim.model))
+    positions = np.clip(residual[..., : sim.model.nv], -1e3, 1e3)
+    seen = np.isfinite(positions).any((1, 2))
+    got = np.nanmean(positions[seen] ** 2, axis=(1, 2))
+    ratio = float(np.sqrt(np.median(got / np.maximum(expected[seen], 1e-300)))) if seen.any() else 1.0
+    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), min(ratio, 1.0))
 
 
 def _simulated(prepared: Prepared, f: Fitted, w: Windows, rng: np.random.Generator) -> list[Recording]:

@@ -28,12 +28,15 @@ INTERVALS = 40
 KEEP = 5
 DEPTH = 2
 """Most effects assumed while the noise is bounded."""
+DOUBTFUL = 0.03
+"""Share of the motion (deviation of the velocities, in the median over columns) from which on noise that differences
+show may be motion itself."""
 LOWER = 0.5
 """The bound is used where it lies below this share of what differences say, in the median over columns."""
 
 
 def is_coarse(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -> bool:
-    """Whether rows hold whole states, several of the model's timesteps apart."""
+    """Whether rows hold whole states several of the model's timesteps apart, and differences show suspicious noise."""
     period = float(np.median(np.concatenate([np.diff(r.time) for r in recordings])))
     if period < 1.9 * model.opt.timestep or any(r.qvel is None for r in recordings):
         return False
@@ -42,7 +45,9 @@ def is_coarse(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) 
         residual = np.isnan(r.known("qvel")).any(0) & placed & _measured(r, model)
         if residual.any():
             return False
-    return True
+    known = np.isfinite(noise.qvel)
+    moving = np.nanstd(np.concatenate([r.known("qvel")[:, known] for r in recordings]), axis=0)
+    return bool(known.any() and np.median(noise.qvel[known] / np.maximum(moving, 1e-12)) > DOUBTFUL)
 
 
 def _measured(r: Recording, model: mujoco.MjModel) -> Array:

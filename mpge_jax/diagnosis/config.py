@@ -30,6 +30,8 @@ class Config:
     def __post_init__(self) -> None:
         if not 0.02 <= self.decide_s <= 5 or not 0.02 <= self.report_s <= 5:
             raise ValueError("window lengths must lie between 0.02 and 5 seconds.")
+        if self.seed < 0:
+            raise ValueError(f"seed must not be negative, got {self.seed}.")
         if self.jobs < 1:
             raise ValueError(f"jobs must be at least 1, got {self.jobs}.")
         if self.train_windows < 4 or self.held_windows < 2:

@@ -14,18 +14,21 @@ import numpy as np
 
 from mpge_jax.diagnosis import resume
 from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
-from mpge_jax.diagnosis.calibrate import floor
+from mpge_jax.diagnosis.calibrate import Floor, floor
 from mpge_jax.diagnosis.candidates import all_terms
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
+from mpge_jax.diagnosis.finish import final_fit, prune
 from mpge_jax.diagnosis.fit import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.prepare import Prepared, prepare
+from mpge_jax.diagnosis.prepare import Prepared, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
 from mpge_jax.diagnosis.recording import Recording, validate
-from mpge_jax.diagnosis.rivals import find_rivals
-from mpge_jax.diagnosis.select import Rival, Scored, Search, final_fit, search
+from mpge_jax.diagnosis.rivals import better_rival, find_rivals
+from mpge_jax.diagnosis.select import Rival, Scored, Search, search
+from mpge_jax.diagnosis.simulate import Run, Simulator
+from mpge_jax.diagnosis.telling import telling_windows
 from mpge_jax.diagnosis.verdict import (
     EXCESS,
     LEFT,
@@ -35,10 +38,14 @@ from mpge_jax.diagnosis.verdict import (
     excess_by_dof,
     noise_floor,
 )
-from mpge_jax.diagnosis.whiten import Whitener, column_scale
-from mpge_jax.diagnosis.windows import Windows
+from mpge_jax.diagnosis.whiten import Whitener, column_scale, whitener
+from mpge_jax.diagnosis.windows import Source, Windows
 
 Array = np.ndarray
+POOL = 3
+"""Training windows that are looked at for each one that is fitted."""
+EXCHANGES = 2
+"""Terms that may be exchanged for better ones once the whole hypothesis is known."""
 
 
 @dataclass
@@ -181,18 +188,24 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     c = p.config
     ids = [i for i, e in REGISTRY.items() if e.side == "actuator" and (c.effects is None or i in c.effects)]
     actuators = diagnose_actuators(p, plain, ids)
+    if actuators is not None:
+        p = with_drives(p, plain, *actuators.between_rows())
     s = _build_search(p, say)
     if progress is not None:
         resume.attach(s, p, progress)
     say(f"{len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows")
     f, last = search(s) if s.terms else (s.nominal(), [])
-    f, whites = final_fit(s, f)
-    best = s.score([f], whites)[0]
-    rivals = find_rivals(s, best, whites, last)
+    best, rivals = _settle(s, f, last)
+    f = best.fit
     say("judging what is left")
-    train, held = (_report(p, f, is_held) for is_held in (False, True))
+    noise = floor(p, f)
+    shown = (p, f)
+    if actuators is not None and actuators.fits and not f.hypothesis.terms:
+        shown = by_command(p, plain, actuators)
+    train, held = (_report(*shown, is_held, noise) for is_held in (False, True))
     plain_whites = s.whiten(f, temper=False)
-    unexplained = _left(p, s, s.score([f], plain_whites)[0], plain_whites, held)
+    found = bool(f.hypothesis.terms) or (actuators is not None and bool(actuators.fits))
+    unexplained = _left(p, s, s.score([f], plain_whites)[0], plain_whites, held, noise, found)
     drop = _error_drops(p, f, held)
     ambiguous = any(r.tied for rs in rivals.values() for r in rs)
     verdict = "none"
@@ -200,7 +213,7 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
         verdict = "unexplained"
     elif ambiguous:
         verdict = "ambiguous"
-    elif f.hypothesis.terms or (actuators is not None and actuators.effects):
+    elif found:
         verdict = "effects"
     warnings = list(dict.fromkeys(p.warnings))
     location = _locate(p, s)
@@ -210,9 +223,24 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     )  # fmt: skip
 
 
+def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Scored, dict[Term, list[Rival]]]:
+    """The final fit with its rivals, after exchanging terms for rivals that predict clearly better."""
+    for left in reversed(range(EXCHANGES + 1)):
+        f, whites = final_fit(s, prune(s, f))
+        best = s.score([f], whites)[0]
+        rivals = find_rivals(s, best, whites, last)
+        better = better_rival(rivals)
+        if better is None or not left:
+            break
+        s.log.append(f"exchanged: {f.hypothesis} -> {better.fit.hypothesis}")
+        s.resume = better.fit
+        f, last = search(s)
+    return best, rivals
+
+
 def _build_search(p: Prepared, say: _Progress) -> Search:
     c = p.config
-    train = p.windows(False, c.decide_s, c.train_windows)
+    train, typical = _training_windows(p)
     held = p.windows(True, c.decide_s, c.held_windows)
     if train.count < 2 or held.count < 1:
         from mpge_jax.diagnosis.errors import InputError
@@ -226,7 +254,20 @@ def _build_search(p: Prepared, say: _Progress) -> Search:
     terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
     terms = [t for t in terms if _visible(p, t)]
     limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
-    return Search(p.sim, p.noise, train, held, terms, c.seed, say, max_terms=limit)
+    return Search(p.sim, p.noise, train, held, terms, c.seed, say, max_terms=limit, typical=typical)
+
+
+def _training_windows(p: Prepared) -> tuple[Windows, int]:
+    """Windows to fit, and how many of them were drawn at random (the first ones)."""
+    pool = p.windows(False, p.config.decide_s, POOL * p.config.train_windows)
+    if pool.count <= p.config.train_windows:
+        return pool, pool.count
+    nothing = Hypothesis()
+    white = whitener(p.sim, nothing, np.zeros(0), pool, p.noise)
+    x = white.excess(white(p.sim.residuals([Run(nothing, np.zeros(0))], pool)))[0]
+    rng = np.random.default_rng([p.config.seed, 3])
+    index, typical = telling_windows(x, p.config.train_windows, rng)
+    return pool.take(index), typical
 
 
 def _visible(p: Prepared, term: Term) -> bool:
@@ -237,29 +278,54 @@ def _visible(p: Prepared, term: Term) -> bool:
     return any(not np.isnan(s.recording.qpos[:, column]).all() for s in p.train_sources)
 
 
-def _report(p: Prepared, f: Fitted, held: bool) -> FitReport:
+def by_command(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> tuple[Prepared, Fitted]:
+    """The machine driven by its commands rather than by measured forces, with what was found between the two: where
+    nothing is missing on the mechanical side, only this shows what the correction changes."""
+    sources = []
+    for group in (p.train_sources, p.held_sources):
+        sources.append(tuple(Source.build(s.recording, s.states, s.recording.known("ctrl")) for s in group))
+    sim = Simulator(plain, found.ctx, threads=p.config.jobs)
+    parts = {t: x for f in found.fits for t, x in f.hypothesis.split(found.ctx, f.theta).items()}
+    hypothesis = Hypothesis.of(*parts)
+    theta = hypothesis.gather(sim.ctx, parts)
+    driven = replace(
+        p, model=sim.model, ctx=sim.ctx, sim=sim, train_sources=sources[0], held_sources=sources[1],
+        measured=np.zeros_like(p.measured),
+    )  # fmt: skip
+    return driven, Fitted(hypothesis, theta, theta)
+
+
+def _report(p: Prepared, f: Fitted, held: bool, noise: Floor) -> FitReport:
     w = p.windows(held, p.config.report_s, 60 if held else 40, seed=1)
     nominal = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
     scale = column_scale(p.noise, p.model)
     before = errors(p.sim, nominal, w)
     after = errors(p.sim, f, w) if f.hypothesis.terms else before
-    return FitReport(w, before, after, noise_floor(p.sim, f, w, scale))
+    alone = noise.ratio * float(np.sqrt(noise_floor(p.sim, f, w, scale).mean()))
+    return FitReport(w, before, after, alone)
 
 
 def _left(
-    p: Prepared, s: Search, best: Scored, whites: tuple[Whitener, Whitener], held: FitReport
+    p: Prepared,
+    s: Search,
+    best: Scored,
+    whites: tuple[Whitener, Whitener],
+    held: FitReport,
+    noise: Floor,
+    corrected: bool,
 ) -> dict[str, Any] | None:
-    """What the chosen effects leave, if it is more than noise."""
-    expected, spread = floor(p, best.fit)
-    loss = float(best.losses.mean())
-    ratio_error = float(best.losses.std() / np.sqrt(best.losses.size))
+    """What the chosen effects leave, if it is more than noise. corrected: whether any effect was found."""
+    expected, spread = noise.loss, noise.error
+    losses = np.concatenate([best.train[: s.typical], best.held])
+    loss = float(losses.mean())
+    ratio_error = float(losses.std() / np.sqrt(losses.size))
     s.log.append(f"left: loss {loss:.3f} +- {ratio_error:.3f}, floor {expected:.3f} +- {spread:.3f}")
     excess = loss - max(expected, 1.0)
     before, after = held.before.rms, held.after.rms
     beyond = np.sqrt(max(after**2 - held.floor**2, 0.0)) / max(
         np.sqrt(max(before**2 - held.floor**2, 0.0)), 1e-12
     )
-    beyond = min(float(beyond), 1.0) if best.fit.hypothesis.terms else 1.0
+    beyond = min(float(beyond), 1.0) if corrected else 1.0
     significant = excess > EXCESS and excess > 3.0 * np.hypot(ratio_error, spread)
     if not significant or beyond < LEFT:
         if significant:

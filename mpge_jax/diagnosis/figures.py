@@ -6,14 +6,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from mpge_jax.diagnosis.force_errors import ForceErrors, force_errors, motion_is_given
+from mpge_jax.diagnosis.locate import locate
+from mpge_jax.diagnosis.marks import Mark
+from mpge_jax.diagnosis.parameters import candidates_of
 from mpge_jax.diagnosis.robot_picture import robot
+from mpge_jax.diagnosis.words import error_unit
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis, FitReport
+    from mpge_jax.diagnosis.hypothesis import Term
 
+Array = np.ndarray
 MEASURED, NOMINAL, CORRECTED = "#1b1b1b", "#c1502e", "#1f6fb2"
 
 
@@ -21,6 +30,20 @@ def _save(figure: Figure, path: Path) -> Path:
     FigureCanvasAgg(figure)
     figure.savefig(path, dpi=110)
     return path
+
+
+def _name(text: str, most: int) -> str:
+    """A name from a model or a file as matplotlib shall write it: short, and never as a formula."""
+    return text[:most].replace("$", r"\$")
+
+
+def _log_scale(ax: Axes) -> None:
+    """A logarithmic x axis with few plain numbers, also where it spans less than a decade."""
+    ax.set_xscale("log")
+    low, high = ax.get_xlim()
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 100 * low else (1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _dofs(d: Diagnosis, limit: int = 6) -> list[int]:
@@ -58,10 +81,10 @@ def prediction(d: Diagnosis, path: Path) -> Path:
             pad = max(high - low, 6 * report.floor, 1e-4)
             ax.set_ylim(low - pad, high + pad)
             if i == 0:
-                name = w.sources[w.source[k]].recording.name
+                name = _name(w.sources[w.source[k]].recording.name, 30)
                 ax.set_title(f"{name}, {w.start[k]:.2f} s", fontsize=9)
             if j == 0:
-                ax.set_ylabel(d.prepared.names.joints[joint][:18])
+                ax.set_ylabel(_name(d.prepared.names.joints[joint], 18))
             if i == len(dofs) - 1:
                 ax.set_xlabel("time in window (s)")
             ax.grid(alpha=0.25)
@@ -69,19 +92,60 @@ def prediction(d: Diagnosis, path: Path) -> Path:
     return _save(figure, path)
 
 
+def forces(d: Diagnosis, e: ForceErrors, path: Path) -> Path:
+    """Held-out forces: measured, and what the nominal and the corrected model need for the recorded motion."""
+    actuators = np.flatnonzero(np.isfinite(e.each_before))[:4]
+    traces = e.traces[:3]
+    figure = Figure(figsize=(3.4 * len(traces) + 0.8, 1.9 * len(actuators) + 0.9), layout="constrained")
+    axes = figure.subplots(len(actuators), len(traces), squeeze=False, sharex="col")
+    for j, trace in enumerate(traces):
+        # two seconds around the middle: more would hide how the curves run
+        middle = 0.5 * (trace.time[0] + trace.time[-1])
+        near = np.abs(trace.time - middle) < 1.0
+        axes[0, j].set_title(_name(trace.name, 30), fontsize=9)
+        axes[-1, j].set_xlabel("time (s)")
+        for i, a in enumerate(actuators):
+            for values, color, style, width, label in (
+                (trace.measured, MEASURED, "-", 2.4, "measured"),
+                (trace.before, NOMINAL, "--", 1.4, "model as given"),
+                (trace.after, CORRECTED, "-", 1.4, "corrected model"),
+            ):
+                axes[i, j].plot(
+                    trace.time[near], values[near, a], color=color, ls=style, lw=width, label=label
+                )
+            axes[i, j].grid(alpha=0.25)
+    for i, a in enumerate(actuators):
+        axes[i, 0].set_ylabel(f"{_name(d.prepared.names.actuators[a], 18)} ({error_unit(d)})")
+    axes[0, 0].legend(fontsize=8)
+    return _save(figure, path)
+
+
 def errors_by_joint(d: Diagnosis, path: Path) -> Path:
+    """Held-out prediction error of every joint."""
     dofs = _dofs(d, 16)
-    names = [d.prepared.names.joint_of_dof(d.prepared.model, k)[:18] for k in dofs]
-    figure = Figure(figsize=(6.4, 0.55 * len(dofs) + 1.4), layout="constrained")
+    names = [d.prepared.names.joint_of_dof(d.prepared.model, k) for k in dofs]
+    what = f"held-out prediction error (rms, {d.held.windows.times.max():.2g} s ahead)"
+    return _bars(names, d.held.before.joint[dofs], d.held.after.joint[dofs], d.held.floor, what, path)
+
+
+def errors_by_actuator(d: Diagnosis, e: ForceErrors, path: Path) -> Path:
+    """Held-out error of every actuator's predicted force."""
+    a = np.flatnonzero(np.isfinite(e.each_before))[:16]
+    names = [d.prepared.names.actuators[k] for k in a]
+    return _bars(names, e.each_before[a], e.each_after[a], e.floor, "held-out error of the force (rms)", path)
+
+
+def _bars(names: list[str], before: Array, after: Array, floor: float, what: str, path: Path) -> Path:
+    figure = Figure(figsize=(6.4, 0.55 * len(names) + 1.4), layout="constrained")
     ax = figure.subplots()
-    y = np.arange(len(dofs))
-    ax.barh(y - 0.2, d.held.before.joint[dofs], 0.38, color=NOMINAL, label="model as given")
-    ax.barh(y + 0.2, d.held.after.joint[dofs], 0.38, color=CORRECTED, label="corrected model")
-    ax.axvline(max(d.held.floor, 1e-9), color=MEASURED, ls=":", label="noise alone")
-    ax.set_xscale("log")
-    ax.set_yticks(y, names)
+    y = np.arange(len(names))
+    ax.barh(y - 0.2, before, 0.38, color=NOMINAL, label="model as given")
+    ax.barh(y + 0.2, after, 0.38, color=CORRECTED, label="corrected model")
+    ax.axvline(max(floor, 1e-9), color=MEASURED, ls=":", label="noise alone")
+    _log_scale(ax)
+    ax.set_yticks(y, [_name(name, 18) for name in names])
     ax.invert_yaxis()
-    ax.set_xlabel(f"held-out prediction error (rms, {d.held.windows.times.max():.2g} s ahead)")
+    ax.set_xlabel(what)
     ax.legend(fontsize=8)
     ax.grid(alpha=0.25, axis="x")
     return _save(figure, path)
@@ -103,7 +167,7 @@ def residual_map(d: Diagnosis, path: Path) -> Path:
         ):
             size = 12 + 240 * np.sqrt(values / max(d.held.before.window.max(), 1e-12))
             ax.scatter(t, np.full(t.size, row + shift), s=size, color=color, alpha=0.65, lw=0)
-    ax.set_yticks(range(len(present)), [names[s][:24] for s in present])
+    ax.set_yticks(range(len(present)), [_name(names[s], 24) for s in present])
     ax.set_ylim(len(present) - 0.4, -0.6)
     ax.set_xlabel("time in the recording (s)")
     ax.set_title("Held-out error by window (area: error; red: as given, blue: corrected)", fontsize=9)
@@ -112,33 +176,52 @@ def residual_map(d: Diagnosis, path: Path) -> Path:
 
 
 def location(d: Diagnosis, path: Path) -> Path:
-    rows = d.location[:12]
+    rows = locate(d)[:12]
     figure = Figure(figsize=(6.4, 0.42 * len(rows) + 1.3), layout="constrained")
     ax = figure.subplots()
     ax.barh(range(len(rows)), [max(e, 1e-2) for _, _, e in rows], color="#6b6b6b")
     ax.axvline(1.0, color=CORRECTED, ls="--")
-    ax.set_xscale("log")
-    ax.set_yticks(range(len(rows)), [f"{a[:18]} ({k})" for a, k, _ in rows])
+    _log_scale(ax)
+    ax.set_yticks(range(len(rows)), [f"{_name(a, 18)} ({k})" for a, k, _ in rows])
     ax.invert_yaxis()
     ax.set_xlabel("missing force, squared, over what noise explains (1: nothing missing)")
     return _save(figure, path)
 
 
+def marks(d: Diagnosis) -> list[Mark]:
+    """Every place that the diagnosis names: found, possible (the ambiguous ones) and unexplained."""
+
+    def mark(term: Term, word: str = "") -> Mark:
+        place, effect = term.place, term.name.replace("_", " ")
+        text = f"{word}{effect}" if place.kind == "world" else f"{_name(place.name, 24)}\n{word}{effect}"
+        return Mark(place.kind, place.index, text)
+
+    out = [mark(term) for term in d.terms]
+    for fits in candidates_of(d).values():
+        out += [mark(t, "or ") for f in fits for t in f.hypothesis.terms if t not in d.terms]
+    if d.actuators is not None:
+        out += [mark(term) for f in d.actuators.fits for term in f.hypothesis.terms]
+    if d.unexplained is not None:
+        names = d.prepared.names
+        kinds = (("joint", names.joints), ("actuator", names.actuators), ("body", names.bodies))
+        for at in d.unexplained["at"]:
+            found = next(((kind, known.index(at)) for kind, known in kinds if at in known), ("world", 0))
+            out.append(Mark(*found, f"{_name(at, 24)}\nunexplained"))
+    return list(dict.fromkeys(out))
+
+
 def draw(d: Diagnosis, folder: Path) -> dict[str, Path]:
     """All figures; the key is what a figure shows."""
     folder.mkdir(parents=True, exist_ok=True)
-    marked = [(t.place.kind, t.place.index) for t in d.terms]
-    if d.unexplained is not None:
-        joints = [
-            d.prepared.names.joints.index(a) for a in d.unexplained["at"] if a in d.prepared.names.joints
-        ]
-        marked += [("joint", j) for j in joints]
-    return {
-        "robot": robot(
-            d.prepared.model, d.prepared.held_sources[0].states.qpos, marked, folder / "robot.png"
-        ),
-        "prediction": prediction(d, folder / "prediction.png"),
-        "errors": errors_by_joint(d, folder / "errors.png"),
+    p = d.prepared
+    curves, bars = folder / "prediction.png", folder / "errors.png"
+    if motion_is_given(d):
+        e = force_errors(d, held=True)
+        shown = {"prediction": forces(d, e, curves), "errors": errors_by_actuator(d, e, bars)}
+    else:
+        shown = {"prediction": prediction(d, curves), "errors": errors_by_joint(d, bars)}
+    return shown | {
+        "robot": robot(p.spec, p.model, p.held_sources[0].states.qpos, marks(d), folder / "robot.png"),
         "residuals": residual_map(d, folder / "residuals.png"),
         "location": location(d, folder / "location.png"),
     }

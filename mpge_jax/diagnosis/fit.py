@@ -250,3 +250,9 @@ def gauss_newton_shift(sim: Simulator, f: Fitted, w: Windows, white: Whitener, m
     g = np.einsum("w,pwm,wm->p", weight, j, moved - p.whitened, optimize=True)
     scale = 1.0 / np.sqrt(np.diag(h))
     return -scale * (np.linalg.pinv(h * scale[:, None] * scale[None, :], hermitian=True) @ (scale * g))
+
+
+def timing_error(params: list[Param], theta: Array, timestep: float) -> Array:
+    """Deviation [p] of fitted times: within a timestep nobody knows when the machine samples, filters and acts."""
+    within = np.minimum(timestep / np.sqrt(12), 0.1 * np.abs(theta))
+    return np.where([p.unit == "s" for p in params], within, 0.0)

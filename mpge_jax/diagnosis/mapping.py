@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 import yaml
 
+from mpge_jax.diagnosis.csv_table import read_table
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.model import Names
 
@@ -44,7 +45,9 @@ def load(path: Path) -> dict[str, Any]:
     try:
         data = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise InputError(f"{path.name} is not valid YAML: {' '.join(str(error).split())}") from None
+        mark = getattr(error, "problem_mark", None)
+        where = "" if mark is None else f" (line {mark.line + 1}, column {mark.column + 1})"
+        raise InputError(f"the map {path.name} is not valid YAML{where}; correct it.") from None
     if not isinstance(data, dict) or not isinstance(data.get("columns"), dict):
         raise InputError(f"{path.name}: a map needs an entry 'columns' with one line per column.")
     return data["columns"]
@@ -69,14 +72,7 @@ def csv_places(model: mujoco.MjModel, names: Names) -> dict[tuple[str, str], int
 def raw_columns(path: Path) -> dict[str, np.ndarray]:
     """Every column of a file by its own title, before any meaning is given to it."""
     if path.suffix.lower() == ".csv":
-        with path.open(encoding="utf-8-sig") as file:
-            titles = [t.strip() for t in file.readline().split(",")]
-        try:
-            table = np.atleast_2d(np.genfromtxt(path, delimiter=",", skip_header=1))
-        except ValueError as error:
-            raise InputError(f"cannot read {path.name}: {' '.join(str(error).split())}") from None
-        if table.shape[1] != len(titles):
-            raise InputError(f"{path.name}: the rows do not have the {len(titles)} columns of the header.")
+        titles, table = read_table(path, lambda _title: False)
         return {t: table[:, i] for i, t in enumerate(titles)}
     try:
         with path.open("rb") as binary, np.load(binary, allow_pickle=False) as data:

@@ -2,54 +2,23 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis import model_files
 from mpge_jax.diagnosis.errors import InputError
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def _check_includes(path: Path, root: Path, seen: set[Path]) -> None:
-    """Refuse includes, models inside models and assets (MJCF and URDF) that leave the model's folder."""
-    if path in seen:
-        return
-    seen.add(path)
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read the model file {path.name}: {error.strerror or error}.") from None
-    if b"<!ENTITY" in text or b"<!DOCTYPE" in text:
-        raise InputError(f"{path.name} contains a DOCTYPE or ENTITY declaration; remove it.")
-    try:
-        tree = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise InputError(f"{path.name} is not well-formed XML ({error}); repair the file.") from None
-    for element in tree.iter():
-        for key, value in element.items():
-            if not value or not (key.startswith("file") or key in ("meshdir", "texturedir", "assetdir")):
-                continue
-            name = value.removeprefix("package://").removeprefix("file://")
-            # relative to the main file or, in a model inside a model, to the file itself
-            targets = [(folder / name).resolve() for folder in (root, path.parent)]
-            if not all(t.is_relative_to(root) for t in targets):
-                raise InputError(
-                    f"{path.name}: <{element.tag} {key}={value!r}> lies outside of the model's folder; "
-                    "copy what it names into that folder."
-                )
-            if element.tag in ("include", "model") and key == "file":
-                _check_includes(next((t for t in targets if t.is_file()), targets[0]), root, seen)
-
-
 def load_spec(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
-    """Read a model description; includes must stay inside the model's folder.
+    """Read a model description, which may refer to the files that `model_files` allows.
 
     Raises:
-        InputError: the file is missing, malformed, or refers to files outside of its folder.
+        InputError: the file is missing, malformed, or refers to files that it may not read.
     """
     if isinstance(source, mujoco.MjSpec):
         spec = source.copy()
@@ -57,10 +26,11 @@ def load_spec(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
         return spec
     path = Path(source)
     if not path.is_file():
-        raise InputError(f"the model file {path} does not exist; give the path of an MJCF or URDF file.")
-    _check_includes(path.resolve(), path.resolve().parent, set())
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise InputError(f"the model file {path} {what}; give the path of an MJCF or URDF file.")
+    model_files.check(path.resolve())
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = model_files.read_spec(path.resolve())
         _replace_total_mass(spec)
         return spec
     except (ValueError, mujoco.FatalError) as error:
@@ -172,6 +142,15 @@ def actuators_of_joint(model: mujoco.MjModel, joint: int) -> list[int]:
         for a in range(model.nu)
         if is_joint_transmission(model, a) and int(model.actuator_trnid[a, 0]) == joint
     ]
+
+
+def moments(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Moment arms [nu, nv] of the actuators in the pose of `data`, whose transmissions are computed."""
+    out = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(
+        out, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    return out
 
 
 def moving_bodies(model: mujoco.MjModel) -> list[int]:

@@ -11,11 +11,14 @@ import numpy as np
 
 from mpge_jax import files
 from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.force_errors import force_errors, motion_is_given
 from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.locate import locate
+from mpge_jax.diagnosis.model import is_joint_transmission
 from mpge_jax.diagnosis.parameters import candidates_of, number, parameters
 
 if TYPE_CHECKING:
-    from mpge_jax.diagnosis.diagnosis import Diagnosis, FitReport
+    from mpge_jax.diagnosis.diagnosis import Diagnosis
 
 Array = np.ndarray
 
@@ -64,12 +67,12 @@ def diagnosis_table(d: Diagnosis) -> dict[str, Any]:
             for term, fits in ambiguous.items()
         ],
         "unexplained": d.unexplained,
-        "location": [{"at": a, "kind": k, "excess": number(e)} for a, k, e in d.location],
+        "location": [{"at": a, "kind": k, "excess": number(e)} for a, k, e in locate(d)],
         "fit": {
             "unit": error_unit(d),
             "window_s": number(float(d.held.windows.times.max())),
-            "train": _fit(d, d.train, d.prepared.train_sources),
-            "held_out": {**_fit(d, d.held, d.prepared.held_sources), "per_joint": _per_joint(d, d.held)},
+            "train": _fit(d, held=False),
+            "held_out": {**_fit(d, held=True), "per_joint": _per_joint(d)},
         },
         "explanation": explanation(d),
         "warnings": d.warnings,
@@ -78,21 +81,39 @@ def diagnosis_table(d: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _fit(d: Diagnosis, r: FitReport, sources: Any) -> dict[str, Any]:
+def _fit(d: Diagnosis, held: bool) -> dict[str, Any]:
+    sources = d.prepared.held_sources if held else d.prepared.train_sources
+    if motion_is_given(d):
+        e = force_errors(d, held)
+        before, after, noise = e.before, e.after, e.floor
+    else:
+        r = d.held if held else d.train
+        before, after, noise = r.before.rms, r.after.rms, r.floor
     return {
         "recordings": [s.recording.name for s in sources],
-        "before": number(r.before.rms),
-        "after": number(r.after.rms),
-        "noise_floor": number(r.floor),
+        "before": number(before),
+        "after": number(after),
+        "noise_floor": number(noise),
     }
 
 
-def _per_joint(d: Diagnosis, r: FitReport) -> dict[str, list[float | None]]:
+def _per_joint(d: Diagnosis) -> dict[str, list[float | None]]:
+    """Held-out errors (before, after) by joint; where forces are predicted, by the joint that each actuator drives."""
+    m, names = d.prepared.model, d.prepared.names
     out: dict[str, list[float | None]] = {}
-    for dof in range(d.prepared.model.nv):
+    if motion_is_given(d):
+        e = force_errors(d, held=True)
+        for a in map(int, np.flatnonzero(d.prepared.measured)):
+            direct = is_joint_transmission(m, a)
+            name = names.joints[int(m.actuator_trnid[a, 0])] if direct else names.actuators[a]
+            key = name if name not in out else f"{name}:{names.actuators[a]}"
+            out[key] = [number(e.each_before[a]), number(e.each_after[a])]
+        return out
+    r = d.held
+    for dof in range(m.nv):
         if np.isnan(r.before.joint[dof]):
             continue
-        name = d.prepared.names.joint_of_dof(d.prepared.model, dof)
+        name = names.joint_of_dof(m, dof)
         key = name if name not in out else f"{name}:{dof}"
         out[key] = [number(r.before.joint[dof]), number(r.after.joint[dof])]
     return out

@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.model import Names, compile_variable, load_spec, names_o
 from mpge_jax.diagnosis.recording import Recording, rows_of
 from mpge_jax.diagnosis.simulate import Simulator
 from mpge_jax.diagnosis.split import split
-from mpge_jax.diagnosis.states import MAX_ROWS, Noise, estimate
+from mpge_jax.diagnosis.states import MAX_ROWS, Noise, States, estimate
 from mpge_jax.diagnosis.windows import Source, Windows, choose_dt, cut
 
 
@@ -85,6 +85,43 @@ def _command(r: Recording, measured: np.ndarray) -> np.ndarray:
     return command
 
 
+def follows(model: mujoco.MjModel) -> np.ndarray:
+    """[nu] whether an actuator's force follows the motion between two rows (a servo, a filter); a plain motor's is
+    held like its command."""
+    moving = model.actuator_biastype != mujoco.mjtBias.mjBIAS_NONE
+    return moving | (model.actuator_dyntype != mujoco.mjtDyn.mjDYN_NONE)
+
+
+def _source(r: Recording, states: States, measured: np.ndarray, continuous: np.ndarray) -> Source:
+    command = _command(r, measured)
+    return Source.build(r, states, command, np.where(measured & continuous, command, 0.0))
+
+
+def with_drives(p: Prepared, plain: mujoco.MjModel, lag: set[int], back_emf: dict[int, float]) -> Prepared:
+    """The same with measured forces read as what drives them makes of them: a lagging motor's force is not held
+    between rows, nor is the part of a motor's force that its speed takes away.
+
+    Args:
+        plain: the nominal model. lag: actuators. back_emf: actuator -> force per command.
+    """
+    continuous = follows(plain)
+    continuous[list(lag)] = True
+
+    def again(s: Source) -> Source:
+        smooth = np.where(p.measured & continuous, s.command, 0.0)
+        for a, gain in back_emf.items():
+            if not continuous[a]:
+                held = gain * np.nan_to_num(s.recording.known("ctrl")[:, a])
+                smooth[:, a] = s.command[:, a] - held
+        return Source.build(s.recording, s.states, s.command, smooth)
+
+    return replace(
+        p,
+        train_sources=tuple(map(again, p.train_sources)),
+        held_sources=tuple(map(again, p.held_sources)),
+    )
+
+
 def _thin(recordings: list[Recording], warnings: list[str]) -> list[Recording]:
     """Cut very long logs to evenly spread stretches."""
     total = sum(r.time.size for r in recordings)
@@ -126,14 +163,7 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     together = train + held
     noise, states, notes = estimate(together, model, names)
     warnings += notes
-    # a servo's force follows the motion between two rows; a plain motor's is held like its command
-    follows = (plain.actuator_biastype != mujoco.mjtBias.mjBIAS_NONE) | (
-        plain.actuator_dyntype != mujoco.mjtDyn.mjDYN_NONE
-    )
-    sources = tuple(
-        Source.build(r, s, _command(r, measured), measured & follows)
-        for r, s in zip(together, states, strict=True)
-    )
+    sources = tuple(_source(r, s, measured, follows(plain)) for r, s in zip(together, states, strict=True))
     train_sources, held_sources = sources[: len(train)], sources[len(train) :]
     ctx = build_context(model, names, train_sources)
     dt = choose_dt(together, float(plain.opt.timestep))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import zipfile
 from collections.abc import Iterable, Mapping
@@ -11,13 +10,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.csv_table import MAX_VALUES, read_table
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.mapping import apply, csv_places
 from mpge_jax.diagnosis.model import Names
 from mpge_jax.diagnosis.recording import Recording, chain_transitions, validate
 
-MAX_VALUES = 400_000_000
-"""Most numbers read from one file (about 3 GB); longer logs must be cut."""
 _KEYS = {"time": "time", "qpos": "qpos", "qvel": "qvel", "ctrl": "ctrl", "actuator_force": "force"}
 
 
@@ -63,21 +61,7 @@ def _check_size(path: Path, key: str, size: int) -> None:
 
 def read_csv(path: Path, model: mujoco.MjModel, names: Names) -> dict[str, np.ndarray]:
     """Columns `time`, `qpos:JOINT`, `qvel:JOINT`, `ctrl:ACTUATOR`, `actuator_force:ACTUATOR` of a CSV file."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            header = [h.strip() for h in next(reader, [])]
-            rows = [row for row in reader if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"cannot read {path.name}: {error}.") from None
-    if len(set(header)) != len(header):
-        raise InputError(f"{path.name}: a column appears twice in the header.")
-    try:
-        table = np.array([[float(x) if x.strip() else np.nan for x in row] for row in rows])
-    except ValueError as error:
-        raise InputError(f"{path.name}: a cell is not a number ({error}).") from None
-    if table.ndim != 2 or table.shape[1] != len(header):
-        raise InputError(f"{path.name}: rows do not all have the {len(header)} columns of the header.")
+    header, table = read_table(path, lambda title: title.partition(":")[0] in _KEYS)
     out = {"qpos": np.full((len(table), model.nq), np.nan)}
     places = csv_places(model, names)
     for column, title in enumerate(header):
@@ -105,7 +89,10 @@ def read_recording(
         data = apply(path, data, columns, model, names)
     for key in ("time", "qpos"):
         if key not in data:
-            raise InputError(f"{path.name}: there is no '{key}'; a recording needs 'time' and 'qpos'.")
+            raise InputError(
+                f"{path.name}: there is no '{key}'; a recording needs 'time' and 'qpos' (a file with other names can "
+                "be read with --map)."
+            )
     arrays: dict[str, np.ndarray] = {}
     for key, value in data.items():
         if value.dtype.kind not in "fiub":

@@ -99,10 +99,15 @@ def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recor
         shown = "actuator_force" if key == "force" else key
         if value is None:
             continue
-        if value.shape != (time.size, width):
+        if value.ndim != 2 or len(value) != time.size:
             raise InputError(
-                f"{name}: '{shown}' has shape {value.shape} but the model needs ({time.size}, {width}); "
-                "check that model and recording belong together."
+                f"{name}: '{shown}' has shape {value.shape}, but 'time' has {time.size} rows; both need the same."
+            )
+        if value.shape[1] != width:
+            parts = names.actuators if key in ("ctrl", "force") else names.joints
+            raise InputError(
+                f"{name}: '{shown}' has {value.shape[1]} columns but the model needs {width} "
+                f"({', '.join(parts)[:200]}); check that model and recording belong together."
             )
         _check_finite(name, shown, value, model, names, holes=key == "force")
     if recording.ctrl is None and recording.force is None and model.nu:
@@ -110,6 +115,12 @@ def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recor
             f"{name}: there are neither commands ('ctrl') nor measured forces ('actuator_force'); record at "
             "least one of them."
         )
+    if recording.ctrl is None and recording.force is not None:
+        for a in np.flatnonzero(np.isnan(recording.force).all(axis=0)):
+            raise InputError(
+                f"{name}: nothing tells what {names.actuators[a]} did: there are no commands ('ctrl') and its "
+                "'actuator_force' is NaN throughout; record one of the two."
+            )
     notes = list(_warnings(recording, model, names))
     return replace(_unit_quaternions(recording, model), warnings=(*recording.warnings, *notes))
 
@@ -126,9 +137,8 @@ def _check_finite(
     whole = missing.all(axis=0)
     if key == "ctrl" and missing.any():
         row, column = (int(x[0]) for x in np.nonzero(missing))
-        raise InputError(
-            f"{name}: 'ctrl' of {names.actuators[column]} is NaN at row {row}; every command must be known."
-        )
+        what = "was not recorded" if whole[column] else f"is NaN at row {row}"
+        raise InputError(f"{name}: 'ctrl' of {names.actuators[column]} {what}; every command must be known.")
     if key == "qpos" and whole.all():
         raise InputError(f"{name}: no position was measured at all ('qpos' is all NaN).")
     partly = missing & ~whole

@@ -7,7 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mpge_jax.diagnosis.words import quantity
+from mpge_jax.diagnosis.force_errors import motion_is_given
+from mpge_jax.diagnosis.words import digits, quantity
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis
@@ -55,13 +56,9 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def _interval(entry: dict[str, Any]) -> str:
-    low, high = entry["low"], entry["high"]
-    if isinstance(low, list):
-        pairs = [
-            f"{a:.3g} to {b:.3g}" for a, b in zip(low, high, strict=True) if a is not None and b is not None
-        ]
-        return escape("; ".join(pairs))
-    return "not determined" if low is None or high is None else escape(f"{low:.4g} to {high:.4g}")
+    low, high = (x if isinstance(x, list) else [x] for x in (entry["low"], entry["high"]))
+    known = [(a, b) for a, b in zip(low, high, strict=True) if a is not None and b is not None]
+    return "; ".join(f"{digits(a, b - a)} to {digits(b, b - a)}" for a, b in known) or "not determined"
 
 
 def _effects(table: dict[str, Any]) -> str:
@@ -97,6 +94,18 @@ def _rivals(table: dict[str, Any]) -> str:
         "<h2>What else it could have been</h2>" + _table(["chosen", "instead", "why not"], rows)
         if rows
         else ""
+    )
+
+
+def _drives(d: Diagnosis) -> str:
+    """Errors between commands and measured forces, where both were recorded."""
+    if d.actuators is None or not d.actuators.errors:
+        return ""
+    rows = [[escape(a), f"{x:.3g}", f"{y:.3g}"] for a, (x, y) in d.actuators.errors.items()]
+    return (
+        "<h2>From command to measured force</h2><p>Root-mean-square error of the force that a command should give, "
+        "on held-out recordings, in the units of <code>actuator_force</code>:</p>"
+        + _table(["actuator", "as given", "corrected"], rows)
     )
 
 
@@ -148,6 +157,13 @@ def _next(d: Diagnosis) -> str:
     )
 
 
+def _predicted(d: Diagnosis, table: dict[str, Any]) -> str:
+    """What the errors are errors of."""
+    if motion_is_given(d):
+        return "the actuator forces that the recorded motion needs, by inverse dynamics"
+    return f"predicting the motion {table['fit']['window_s']:.2g} s ahead, open loop"
+
+
 def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:
     """The whole page; everything that comes from the model or the recordings is escaped."""
     held = table["fit"]["held_out"]
@@ -169,10 +185,10 @@ def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:
 <div class="row"><div>{_image(figures["robot"], "the machine with the place marked")}</div>
 <div><h2>On recordings it never saw</h2><div class="numbers"><div><b>{held["before"]:.3g} {unit}</b>model as given</div>
 <div><b>{held["after"]:.3g} {unit}</b>corrected model</div><div><b>{gain:.1f} &times;</b>smaller error</div></div>
-<p class="quiet">Root-mean-square error of predicting {table["fit"]["window_s"]} s ahead, open loop, over
-{len(held["recordings"])} held-out recording(s). Noise alone gives {held["noise_floor"]:.2g} {unit}.</p>
+<p class="quiet">Root-mean-square error of {_predicted(d, table)}, over {len(held["recordings"])} held-out
+{"recording" if len(held["recordings"]) == 1 else "recordings"}. Noise alone gives {held["noise_floor"]:.2g} {unit}.</p>
 {_table(["joint", "as given", "corrected"], joints)}</div></div>
-{_effects(table)}{_ambiguous(table)}{_unexplained(table)}
+{_effects(table)}{_drives(d)}{_ambiguous(table)}{_unexplained(table)}
 <h2>Prediction against measurement</h2>{_image(figures["prediction"], "held-out motion, predicted before and after")}
 <div class="row"><div>{_image(figures["errors"], "errors by joint")}</div>
 <div>{_image(figures["location"], "where force is missing")}</div></div>

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.effects.base import Place
+from mpge_jax.diagnosis.evidence import EVIDENCE, standard_error
 from mpge_jax.diagnosis.fit import Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.select import TIE, Rival, Scored, Search, standard_error
+from mpge_jax.diagnosis.select import SIGNIFICANT, TIE, Rival, Scored, Search
 from mpge_jax.diagnosis.whiten import Whitener
 
 SPECIAL_CASES = {
@@ -42,7 +43,7 @@ def find_rivals(
         base = Fitted(base_h, base_h.gather(ctx, parts), base_h.gather(ctx, parts))
         # Screened anew: the search drops what looks like a better one of its group, as a rival does.
         candidates = [t for t in s.terms if t != term and compatible(base_h, t)]
-        screened, _ = s.screened(base, whites[0], candidates)
+        screened = s.screened(base, whites[0], candidates)
         fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
         pool = [fitted.get(r.hypothesis, r) for r in screened[:keep]]
         fits = fit(s.sim, pool, s.train, whites[0], iterations=4)
@@ -53,6 +54,16 @@ def find_rivals(
                 rivals.append(_compare(s, best, term, r, other))
         out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
+
+
+def better_rival(rivals: dict[Term, list[Rival]]) -> Rival | None:
+    """The alternative that predicts clearly better than the term that it would replace, if there is one.
+
+    Effects are added one at a time, so an early one may stand for another that shows only beside later ones (rotor
+    inertia for a payload, before friction is known).
+    """
+    found = [r for rs in rivals.values() for r in rs if r.better]
+    return min(found, key=lambda r: r.margin, default=None)
 
 
 def _one_each(rivals: list[Rival]) -> list[Rival]:
@@ -68,6 +79,9 @@ def _one_each(rivals: list[Rival]) -> list[Rival]:
 def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) -> Rival:
     d = rival.losses - best.losses
     margin, error = float(d.mean()), standard_error(d)
+    named = s.named(rival.fit, best.fit.hypothesis.without(term))
+    if named and margin < -max(SIGNIFICANT * error, TIE) and (best.held - rival.held).sum() > EVIDENCE:
+        return Rival(other, rival.fit, margin, error, "it predicts better, but less simply", better=True)
     if margin > max(2.0 * error, TIE):
         return Rival(
             other, rival.fit, margin, error, f"its prediction error is {margin / error:.0f} deviations larger"
@@ -78,7 +92,7 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
     if other.effect.tier > term.effect.tier:
         why = "it fits as well, but is the less direct explanation"
         return Rival(other, rival.fit, margin, error, why)
-    if not s.named(rival.fit, best.fit.hypothesis.without(term)):
+    if not named:
         return Rival(other, rival.fit, margin, error, "the data do not determine its parameters")
     # an added mass is the commonest change of all: it stays in the running with one direction more
     extra = 1 if other.name == "payload_mass" else 0

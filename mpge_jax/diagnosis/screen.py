@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.fit import Fitted, _Problem, _proposals, prior_loss
-from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.whiten import Whitener, robust_loss
 from mpge_jax.diagnosis.windows import Windows
@@ -15,53 +16,94 @@ from mpge_jax.diagnosis.windows import Windows
 Array = np.ndarray
 
 
+ELABORATE = (
+    "stribeck_friction",
+    "load_dependent_friction",
+    "load_dependent_friction:gear",
+    "asymmetric_friction",
+)
+"""Laws of friction that contain plain ones as special cases."""
+PLAIN = ("coulomb_friction", "viscous_damping", "quadratic_drag")
+PLACES = 3
+"""Places at which the elaborate laws are tried: where plain ones help most."""
+PROMISING = 0.01
+"""Share of the loss that a linearised step must promise to be simulated."""
+NEARER = 0.1
+"""How much nearer to nothing a start is taken that is worse than nothing."""
+STARTS = 2
+"""Starting values of one term from which steps are simulated: those that promise most."""
+
+
 def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: Whitener) -> list[Fitted]:
     """Best quick fit of `base` plus each term, lowest loss first.
 
     Every start of every term is linearised once, with the base's parameters free, and two step lengths are
-    simulated. The base's own Jacobian is shared by all.
+    simulated where the linear model promises anything. The base's own Jacobian is shared by all. Elaborate laws of
+    friction are tried where a plain one helps.
     """
-    ctx = sim.ctx
     own = _base_jacobian(sim, base, w, white)
-    before = base.hypothesis.split(ctx, base.theta)
-    problems: list[tuple[Term, _Problem]] = []
+    before = float(
+        robust_loss(white.excess(_whitened(sim, [Run(base.hypothesis, base.theta)], w, white))).mean()
+    )
+    elaborate = [t for t in terms if t.id in ELABORATE]
+    found = _quick_fits(sim, base, [t for t in terms if t.id not in ELABORATE], w, white, own, before)
+    plain: dict[Place, float] = {}
+    for f in found:
+        for t in f.hypothesis.terms:
+            if t.id in PLAIN and t not in base.hypothesis.terms:
+                plain[t.place] = min(plain.get(t.place, np.inf), f.loss)
+    limit = before - PROMISING * min(before, 3.0)
+    places = [q for q in sorted(plain, key=lambda q: plain[q]) if plain[q] < limit][:PLACES]
+    found += _quick_fits(
+        sim, base, [t for t in elaborate if t.place in places or t.place not in plain], w, white, own, before
+    )
+    return sorted(found, key=lambda f: f.loss)
+
+
+def _quick_fits(
+    sim: Simulator,
+    base: Fitted,
+    terms: list[Term],
+    w: Windows,
+    white: Whitener,
+    own: dict[Term, Array],
+    before: float,
+) -> list[Fitted]:
+    """The best quick fit of each term. own: the base's Jacobian. before: the base's loss."""
+    ctx = sim.ctx
+    problems = _starting_points(sim, base, terms, w, white, before)
     runs: list[Run] = []
-    for term in terms:
-        hypothesis = base.hypothesis.with_term(term)
-        params = hypothesis.params(ctx)
-        for start in term.effect.starts(ctx, term.place):
-            theta = hypothesis.gather(ctx, {**before, term: start})
-            centre = theta.copy()
-            p = _Problem(Fitted(hypothesis, theta, centre), params)
-            problems.append((term, p))
-            runs.append(Run(hypothesis, theta))
-            part = hypothesis.slices(ctx)[hypothesis.terms.index(term)]
-            steps = p.steps()
-            for i in range(part.start, part.stop):
-                moved = theta.copy()
-                moved[i] += steps[i]
-                runs.append(Run(hypothesis, moved))
+    for term, p in problems:
+        part = _slice(ctx, p.fit.hypothesis, term)
+        steps = p.steps()
+        for i in range(part.start, part.stop):
+            moved = p.fit.theta.copy()
+            moved[i] += steps[i]
+            runs.append(Run(p.fit.hypothesis, moved))
     flat = _whitened(sim, runs, w, white)
     k = 0
-    trials: list[tuple[int, Array]] = []
+    promised: dict[Term, list[tuple[float, int, list[Array]]]] = {}
     for index, (term, p) in enumerate(problems):
         hypothesis = p.fit.hypothesis
         slices = dict(zip(hypothesis.terms, hypothesis.slices(ctx), strict=True))
         part, steps = slices[term], p.steps()
-        p.whitened = flat[k]
-        jacobian = np.zeros((len(p.params), *flat[k].shape), dtype=np.float32)
+        jacobian = np.zeros((len(p.params), *p.whitened.shape), dtype=np.float32)
         for other, columns in own.items():
             jacobian[slices[other]] = columns
         n = part.stop - part.start
-        jacobian[part] = (flat[k + 1 : k + 1 + n] - flat[k]) / steps[part, None, None]
-        k += 1 + n
+        jacobian[part] = (flat[k : k + n] - p.whitened) / steps[part, None, None]
+        k += n
         p.jacobian = jacobian
-        x = white.excess(p.whitened)
-        loss = float(robust_loss(x).mean())
-        p.fit = replace(p.fit, x=x, loss=loss)
         if p.params:
-            trials += [(index, t) for t in _proposals(p, w)]
+            steps_to = _proposals(p, w)
+            promise = min((_promise(p, t, w, white) for t in steps_to), default=np.inf)
+            promised.setdefault(term, []).append((promise, index, steps_to))
         p.jacobian = np.zeros((0, 0))
+    trials: list[tuple[int, Array]] = []
+    for term, entries in promised.items():
+        for promise, index, steps_to in sorted(entries, key=lambda e: e[0])[:STARTS]:
+            if term.effect.jagged or promise < before - PROMISING * min(before, 3.0):
+                trials += [(index, t) for t in steps_to]
     outcome = _whitened(sim, [Run(problems[i][1].fit.hypothesis, t) for i, t in trials], w, white)
     for (i, theta), r in zip(trials, outcome, strict=True):
         p = problems[i][1]
@@ -73,7 +115,55 @@ def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: W
     for term, p in problems:
         if term not in best or p.fit.loss < best[term].loss:
             best[term] = p.fit
-    return sorted(best.values(), key=lambda f: f.loss)
+    return list(best.values())
+
+
+def _slice(ctx: Context, hypothesis: Hypothesis, term: Term) -> slice:
+    return hypothesis.slices(ctx)[hypothesis.terms.index(term)]
+
+
+def _starting_points(
+    sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: Whitener, before: float
+) -> list[tuple[Term, _Problem]]:
+    """Every start of every term, simulated; a start that is worse than nothing, as its scale was guessed too large,
+    gives way to one nearer to where the effect vanishes if that is better."""
+    ctx = sim.ctx
+    parts = base.hypothesis.split(ctx, base.theta)
+    problems: list[tuple[Term, _Problem]] = []
+    for term in terms:
+        hypothesis = base.hypothesis.with_term(term)
+        for start in term.effect.starts(ctx, term.place):
+            theta = hypothesis.gather(ctx, {**parts, term: start})
+            problems.append((term, _Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
+    _simulate([p for _, p in problems], sim, w, white)
+    smaller: list[tuple[_Problem, _Problem]] = []
+    for term, p in problems:
+        naming = term.effect.naming(ctx, term.place)
+        if p.fit.loss < before + PROMISING * min(before, 3.0) or not naming:
+            continue
+        part = _slice(ctx, p.fit.hypothesis, term)
+        null, theta = term.effect.null(ctx, term.place), p.fit.theta.copy()
+        theta[part][naming] = null[naming] + NEARER * (theta[part][naming] - null[naming])
+        smaller.append((p, _Problem(Fitted(p.fit.hypothesis, theta, theta.copy()), p.params)))
+    _simulate([q for _, q in smaller], sim, w, white)
+    for p, q in smaller:
+        if q.fit.loss < p.fit.loss:
+            p.fit, p.whitened = q.fit, q.whitened
+    return problems
+
+
+def _simulate(problems: list[_Problem], sim: Simulator, w: Windows, white: Whitener) -> None:
+    flat = _whitened(sim, [Run(p.fit.hypothesis, p.fit.theta) for p in problems], w, white)
+    for p, r in zip(problems, flat, strict=True):
+        x = white.excess(r)
+        p.whitened, p.fit = r, replace(p.fit, x=x, loss=float(robust_loss(x).mean()))
+
+
+def _promise(p: _Problem, theta: Array, w: Windows, white: Whitener) -> float:
+    """The loss at `theta` if the prediction were linear."""
+    moved = p.whitened + np.tensordot((theta - p.fit.theta).astype(np.float32), p.jacobian, 1)
+    loss = float(robust_loss(white.excess(moved)).mean())
+    return loss + prior_loss(p.params, theta, p.fit.centre, w.count)
 
 
 def _whitened(sim: Simulator, runs: list[Run], w: Windows, white: Whitener) -> Array:

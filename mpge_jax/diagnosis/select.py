@@ -1,4 +1,4 @@
-"""Choose the effects: screening, proper fits, held-out comparison with parsimony, additions, exchanges, removals."""
+"""Choose the effects: screening, proper fits, held-out comparison with parsimony, additions."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mpge_jax.diagnosis.candidates import compatible
-from mpge_jax.diagnosis.fit import Fitted, evaluate, fit, gauss_newton_shift
+from mpge_jax.diagnosis.evidence import EVIDENCE, deviations, standard_error, strong
+from mpge_jax.diagnosis.fit import Fitted, evaluate, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.screen import screen
+from mpge_jax.diagnosis.screen import ELABORATE, screen
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.states import Noise
+from mpge_jax.diagnosis.telling import screen_windows
 from mpge_jax.diagnosis.whiten import Whitener, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
 KEEP = 7
 """Candidates that are fitted properly after screening."""
-SCREEN_WINDOWS = 14
 HOPELESS = 0.06
 """Share of the loss that a second effect must take away in screening to be looked at further."""
 FAR = 2.5
@@ -31,6 +32,9 @@ SIGNIFICANT = 3.0
 SMALL = 0.02
 """Share of the nominal error by which a further effect must move predictions; less is detail of what is known
 (friction law, timestep, integrator), which a wrong effect can imitate."""
+QUIET, SETTLED = 1.1, 1.25
+"""Mean loss of a model from which nothing is missing, as given and with effects that were found (whose law is never
+exact to the noise). It leaves too little for an effect to be `needed`."""
 NAMED = 4.0
 """Deviations by which a naming parameter must differ from its null value."""
 
@@ -56,7 +60,13 @@ class Scored:
 
 @dataclass
 class Rival:
-    """An alternative to one term: the losses tell by how much it is worse."""
+    """An alternative to one term: the losses tell by how much it is worse.
+
+    Attributes:
+        term: what replaces it. fit: the whole hypothesis with it. margin, error: mean difference of the losses and
+        its standard error. tied: whether the data cannot tell the two apart. better: whether it predicts clearly
+        better than the term.
+    """
 
     term: Term
     fit: Fitted
@@ -64,6 +74,7 @@ class Rival:
     error: float
     why_not: str
     tied: bool = False
+    better: bool = False
 
 
 @dataclass
@@ -72,7 +83,8 @@ class Search:
 
     Attributes:
         train, held: windows. terms: candidates. say: progress callback. keep: called with every accepted fit,
-        so that an interrupted search can go on. resume: where to go on.
+        so that an interrupted search can go on. resume: where to go on. typical: how many of the training windows,
+        the first ones, were drawn at random; the others were chosen because the nominal model misses most there.
     """
 
     sim: Simulator
@@ -86,17 +98,18 @@ class Search:
     log: list[str] = field(default_factory=list)
     keep: Callable[[Fitted], None] = lambda _fit: None
     resume: Fitted | None = None
+    typical: int | None = None
 
     def nominal(self) -> Fitted:
         return Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
 
     def whiten(self, around: Fitted, temper: bool = True) -> tuple[Whitener, Whitener]:
         """Whiteners of training and held-out windows around a fit."""
-        out = []
-        for w in (self.train, self.held):
-            nuisance = [numerics(self.sim, around.hypothesis, around.theta, w)]
-            out.append(whitener(self.sim, around.hypothesis, around.theta, w, self.noise, nuisance, temper))
-        return out[0], out[1]
+        return self.whiten_one(around, self.train, temper), self.whiten_one(around, self.held, temper)
+
+    def whiten_one(self, around: Fitted, w: Windows, temper: bool = True) -> Whitener:
+        nuisance = [numerics(self.sim, around.hypothesis, around.theta, w)]
+        return whitener(self.sim, around.hypothesis, around.theta, w, self.noise, nuisance, temper)
 
     def score(self, fits: list[Fitted], whites: tuple[Whitener, Whitener]) -> list[Scored]:
         train = evaluate(self.sim, fits, self.train, whites[0])
@@ -107,40 +120,61 @@ class Search:
             out.append(Scored(f, robust_loss(a.x), robust_loss(b.x), f.directions(self.sim.ctx), tier))
         return out
 
-    def screened(self, base: Fitted, white: Whitener, terms: list[Term]) -> tuple[list[Fitted], float]:
-        """Quick fits on a sample of the training windows, and the base's loss there."""
+    def sample(self, base: Fitted, white: Whitener) -> tuple[Windows, Whitener]:
+        """A sample of the training windows for quick fits, with its whitener."""
         # by depth, so that a resumed search draws the same windows
         rng = np.random.default_rng([self.seed, len(base.hypothesis.terms)])
         index = screen_windows(evaluate(self.sim, [base], self.train, white)[0].x, rng)
-        w, white = self.train.take(index), white.take(index)
-        return screen(self.sim, base, terms, w, white), evaluate(self.sim, [base], w, white)[0].loss
+        return self.train.take(index), white.take(index)
+
+    def screened(self, base: Fitted, white: Whitener, terms: list[Term]) -> list[Fitted]:
+        """Quick fits on a sample of the training windows, best first."""
+        return screen(self.sim, base, terms, *self.sample(base, white))
 
     def compete(self, base: Fitted, terms: list[Term], keep: int = KEEP) -> tuple[list[Scored], Scored]:
         """Fit the most promising `terms` on top of `base`, each judged under the winner's own whitening.
 
         Returns the scored candidates, best first by plain loss, and the base scored in the same way.
         """
-        whites = self.whiten(base)
-        screened, before = self.screened(
-            base, whites[0], [t for t in terms if compatible(base.hypothesis, t)]
-        )
+        white = self.whiten_one(base, self.train)
+        if self.at_noise(base, white):
+            return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
+        terms = [t for t in terms if compatible(base.hypothesis, t)]
+        sample = self.sample(base, white)
+        screened = screen(self.sim, base, terms, *sample)
+        before = evaluate(self.sim, [base], *sample)[0].loss
         if base.hypothesis.terms and (
             not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)
         ):
-            return [], self.score([base], whites)[0]
-        fits = fit(self.sim, _with_simpler(screened, keep), self.train, whites[0], iterations=4)
+            return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
+        fits = fit(self.sim, _with_simpler(screened, keep), *sample, iterations=4)
         fits.sort(key=lambda f: f.loss)
         winner = None
         for _ in range(2):
             if not fits or fits[0].hypothesis == winner:
                 break
             winner = fits[0].hypothesis
-            whites = self.whiten(fits[0])
-            fits = fit(self.sim, fits[: keep - 2], self.train, whites[0], iterations=4)
+            white = self.whiten_one(fits[0], self.train)
+            fits = fit(self.sim, _with_simpler(fits, keep - 2), self.train, white, iterations=4)
             fits.sort(key=lambda f: f.loss)
-        scored = self.score([*fits, self.freed(base, fits, whites[0])], whites)
+        if not fits:
+            return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
+        whites = white, self.whiten_one(fits[0], self.held)
+        scored = self.score([*fits, self.freed(base, fits, white)], whites)
         ranked = sorted(scored[:-1], key=lambda s: s.losses.mean())
         return ranked, scored[-1]
+
+    def at_noise(self, base: Fitted, white: Whitener) -> bool:
+        """Whether training (under `white`) and held-out windows show nothing but noise."""
+        for w in (self.train, self.held):
+            if w is self.held:
+                white = self.whiten_one(base, w)
+            x = evaluate(self.sim, [base], w, white)[0].x
+            limit = SETTLED if base.hypothesis.terms else QUIET
+            # a tempered whitener, or an overestimated noise, says nothing
+            if white.factor != 1.0 or np.median(x) < 0.5 or robust_loss(x).mean() > limit:
+                return False
+        return True
 
     def freed(self, base: Fitted, fits: list[Fitted], white: Whitener) -> Fitted:
         """`base`, or a better fit of its own terms to which a further term led out of a local minimum."""
@@ -156,25 +190,29 @@ class Search:
         best = min(again[1:], key=lambda f: f.loss, default=base)
         return best if best.loss < 0.5 * again[0].loss else base
 
-    def choose(self, ranked: list[Scored]) -> Scored:
-        """The simplest candidate within two standard errors of the best."""
-        best = ranked[0]
-        tied = [s for s in ranked if not clearly_worse(s, best)]
+    def choose(self, ranked: list[Scored], without: Hypothesis = Hypothesis()) -> Scored:  # noqa: B008
+        """The simplest candidate within two standard errors of the best, of those whose new terms are `named`."""
+        ranked = [s for s in ranked if self.named(s.fit, without)] or ranked
+        tied = [s for s in ranked if not clearly_worse(s, ranked[0])]
         return min(tied, key=lambda s: (*s.complexity, s.losses.mean()))
 
     def accept(self, new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
         """Whether the new terms improve held-out windows beyond doubt, and their parameters differ from null."""
-        gain = old.held - new.held
-        se = standard_error(gain)
-        total = old.losses - new.losses
+        first = not old.fit.hypothesis.terms
+        return (
+            self.needed(new, old, doubt)
+            and self.named(new.fit, old.fit.hypothesis)
+            and (first or self.share(new.fit, old.fit) > SMALL)
+        )
+
+    def needed(self, new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
+        """Whether held-out windows are predicted better with the terms that `new` has and `old` lacks."""
+        gain, total = old.held - new.held, old.losses - new.losses
         # the first effect must not be an accident; beside one, held-out windows are dominated by what is still missing
         first = not old.fit.hypothesis.terms
-        enough = gain.mean() > (
-            doubt if first else 0.6 * doubt
-        ) * se and total.mean() > doubt * standard_error(total)
+        beyond = deviations(gain) > (doubt if first else 0.6 * doubt) and deviations(total) > doubt
         relevant = total.mean() > 0.05 * min(1.0, old.losses.mean())
-        named = self.named(new.fit, old.fit.hypothesis)
-        return bool(enough and relevant and named and (first or self.share(new.fit, old.fit) > SMALL))
+        return bool(relevant and ((beyond and gain.sum() > EVIDENCE) or strong(gain, total)))
 
     def share(self, new: Fitted, old: Fitted) -> float:
         """How far `new` moves the predictions of `old`, over the nominal model's error, at the joint where most."""
@@ -205,33 +243,18 @@ class Search:
         return True
 
 
-def screen_windows(x: Array, rng: np.random.Generator) -> Array:
-    """Windows for screening: a third of them where the base misses most (what acts now and then must be among
-    them), the others at random. x: [W] misfit of the base."""
-    count = min(SCREEN_WINDOWS, x.size)
-    worst = np.argsort(-x)[: count // 3]
-    others = rng.permutation(np.setdiff1d(np.arange(x.size), worst))
-    return np.sort(np.concatenate([worst, others[: count - worst.size]]))
-
-
 def _with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
     """The best `keep`, and the plain form of every elaborate friction among them."""
     top = screened[:keep]
     chosen = {f.hypothesis for f in top}
-    elaborate = ("stribeck_friction", "load_dependent_friction", "asymmetric_friction")
     plain = ("coulomb_friction", "viscous_damping")
-    places = {t.place for f in top for t in f.hypothesis.terms if t.id in elaborate}
+    places = {t.place for f in top for t in f.hypothesis.terms if t.id in ELABORATE}
     for f in screened[keep:]:
         if f.hypothesis not in chosen and any(
             t.id in plain and t.place in places for t in f.hypothesis.terms
         ):
             top.append(f)
     return top
-
-
-def standard_error(difference: Array) -> float:
-    n = difference.size
-    return float(difference.std(ddof=1) / np.sqrt(n)) if n > 1 else float("inf")
 
 
 def clearly_worse(a: Scored, best: Scored) -> bool:
@@ -252,16 +275,18 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         current = base.fit
         if not ranked:
             break
-        chosen = s.choose(ranked)
+        chosen = s.choose(ranked, current.hypothesis)
         s.log.append(
             f"round {depth + 1}: base {base.losses.mean():.3f}; "
             + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:6])
             + f" -> {chosen.fit.hypothesis}"
         )
         if not s.accept(chosen, base):
-            if not last:
-                last = ranked
-            break
+            # where windows scatter widely, the simplest of those that tie may be one that explains nothing
+            chosen = next((r for r in ranked if s.named(r.fit, current.hypothesis)), chosen)
+            if not s.accept(chosen, base):
+                last = last or ranked
+                break
         last = ranked
         if depth == 0:
             first_round = ranked
@@ -272,7 +297,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
                 continue
         current = chosen.fit
         s.keep(current)
-    return prune(s, current), last or first_round
+    return current, last or first_round
 
 
 def _beam(ranked: list[Scored], chosen: Scored, width: int = 3) -> list[Scored]:
@@ -297,7 +322,7 @@ def _second_round(s: Search, chosen: Scored, beam: list[Scored]) -> tuple[Fitted
     for b in beam:
         s.say(f"looking for effect 2 beside {b.fit.hypothesis}")
         white = s.whiten(b.fit)[0]
-        screened, _ = s.screened(b.fit, white, [t for t in s.terms if compatible(b.fit.hypothesis, t)])
+        screened = s.screened(b.fit, white, [t for t in s.terms if compatible(b.fit.hypothesis, t)])
         for f in _with_simpler(screened, 4):
             old = pairs.get(f.hypothesis)
             if old is None or f.loss < old.loss:
@@ -321,53 +346,3 @@ def _second_round(s: Search, chosen: Scored, beam: list[Scored]) -> tuple[Fitted
     if not s.accept(winner, scored[-1]):
         return chosen.fit, [chosen]
     return winner.fit, ranked
-
-
-def prune(s: Search, current: Fitted) -> Fitted:
-    """Remove, one at a time, effects without which held-out windows are predicted as well."""
-    while len(current.hypothesis.terms) > 1:
-        whites = s.whiten(current)
-        current = fit(s.sim, [current], s.train, whites[0], iterations=3)[0]
-        smaller = []
-        parts = current.hypothesis.split(s.sim.ctx, current.theta)
-        centres = current.hypothesis.split(s.sim.ctx, current.centre)
-        for t in current.hypothesis.terms:
-            h = current.hypothesis.without(t)
-            smaller.append(Fitted(h, h.gather(s.sim.ctx, parts), h.gather(s.sim.ctx, centres)))
-        smaller = fit(s.sim, smaller, s.train, whites[0], iterations=4)
-        scored = s.score([*smaller, current], whites)
-        weakest = min(scored[:-1], key=lambda r: r.losses.mean())
-        # what was once accepted needs less to stay
-        if s.accept(scored[-1], weakest, doubt=0.6 * SIGNIFICANT):
-            return current
-        s.log.append(f"removed: {current.hypothesis} -> {weakest.fit.hypothesis}")
-        current = weakest.fit
-    return current
-
-
-def final_fit(s: Search, current: Fitted) -> tuple[Fitted, tuple[Whitener, Whitener]]:
-    """Refit under the hypothesis's own whitening until it stands still."""
-    for _ in range(2):
-        whites = s.whiten(current)
-        if not current.theta.size:
-            break
-        current = fit(s.sim, [current], s.train, whites[0], iterations=6, tolerance=1e-5)[0]
-    whites = s.whiten(current)
-    return with_timestep_error(s, current), whites
-
-
-def with_timestep_error(s: Search, f: Fitted) -> Fitted:
-    """Add to the covariance what the timestep does to the parameters: their shift when it is halved.
-
-    A semi-implicit step acts half a timestep early, which the fit takes for physics (a delay too long by that
-    much); the noise says nothing about it. The shift is one Gauss-Newton step.
-    """
-    if not f.theta.size or not f.cov.size:
-        return f
-    white = whitener(s.sim, f.hypothesis, f.theta, s.train, s.noise)
-    run = [Run(f.hypothesis, f.theta)]
-    moved = white(s.sim.residuals(run, s.train.refined(2))[0])
-    shift = np.abs(gauss_newton_shift(s.sim, f, s.train, white, moved))
-    deviation = np.sqrt(np.maximum(np.diag(f.cov), 0.0))
-    widths = np.where(deviation > 0, np.sqrt(deviation**2 + shift**2) / np.maximum(deviation, 1e-300), 1.0)
-    return replace(f, cov=f.cov * widths[:, None] * widths[None, :])

@@ -48,8 +48,9 @@ def errors(sim: Simulator, f: Fitted, w: Windows) -> Errors:
     return Errors(float(np.sqrt(filled.sum() / total)), np.sqrt(per_joint), np.sqrt(per_window), residual)
 
 
-def noise_floor(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> float:
-    """Error that measurement noise and uncertain start states alone give (rms over position columns)."""
+def noise_floor(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> Array:
+    """Variance that measurement noise and uncertain start states alone would give each window [W], were they
+    independent: mean square over position columns."""
     from mpge_jax.diagnosis.whiten import start_runs
 
     nv = sim.model.nv
@@ -57,7 +58,7 @@ def noise_floor(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> float:
     seen = np.isfinite(res[0])
     spread = np.where(seen, np.clip(res[1:] - res[0], -1e3, 1e3), 0.0)
     variance = (spread**2).sum(0) + np.where(seen, scale[:nv] ** 2, 0.0)
-    return float(np.sqrt(variance[seen].sum() / max(seen.sum(), 1)))
+    return np.where(seen, variance, 0.0).sum((1, 2)) / np.maximum(seen.sum((1, 2)), 1)
 
 
 def excess_by_dof(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> tuple[Array, Array]:

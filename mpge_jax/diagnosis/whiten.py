@@ -11,7 +11,7 @@ the robust loss would no longer tell better from worse. As effects are found, si
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class Whitener:
         scale: [2 nv] deviations of the noise, infinite for columns that are not compared.
         basis: [W, M, k] orthonormal directions. shrink: [W, k]. seen: [W, M] mask.
         count: [W] compared values. expected: [W] chi^2 over count when the hypothesis is true.
+        factor: by which tempering enlarged sigma (1: residuals are in units of the noise).
     """
 
     scale: Array
@@ -42,11 +43,11 @@ class Whitener:
     seen: Array
     count: Array
     expected: Array
+    factor: float = 1.0
 
     def take(self, index: Array) -> Whitener:
-        return Whitener(
-            self.scale, *(getattr(self, k)[index] for k in ("basis", "shrink", "seen", "count", "expected"))
-        )
+        parts = {k: getattr(self, k)[index] for k in ("basis", "shrink", "seen", "count", "expected")}
+        return replace(self, **parts)
 
     def plain(self, residual: Array) -> Array:
         """Residuals [..., W, N, 2 nv] in units of noise: [..., W, M], zero where unseen."""
@@ -129,7 +130,7 @@ def whitener(
         # expected chi^2 with the true start covariance (kappa = 1): noise plus start through S^(-1)
         gained = ((bare / factor) ** 2 / (1.0 + s**2)).sum((0, 2))
         expected = (count - (s**2 / (1.0 + s**2)).sum(-1) + gained) / count
-        return Whitener(scale * factor, basis, shrink, flat_seen, count, np.maximum(expected, 0.05))
+        return Whitener(scale * factor, basis, shrink, flat_seen, count, np.maximum(expected, 0.05), factor)
 
     white, factor = build(1.0), 1.0
     for _ in range(4 if temper else 0):

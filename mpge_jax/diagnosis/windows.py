@@ -30,14 +30,12 @@ class Source:
     integral: Array
 
     @staticmethod
-    def build(
-        recording: Recording, states: States, command: Array, continuous: Array | None = None
-    ) -> Source:
-        """`continuous` [nu]: columns that change between rows (a servo's measured force) and are not held."""
-        held = command[:-1]
-        if continuous is not None:
-            held = np.where(continuous, 0.5 * (command[:-1] + command[1:]), held)
-        steps = np.diff(recording.time)[:, None] * held
+    def build(recording: Recording, states: States, command: Array, smooth: Array | None = None) -> Source:
+        """`smooth` [T, nu]: the part of the command that changes between rows (all of a servo's measured force) and
+        is not held."""
+        smooth = np.zeros_like(command) if smooth is None else smooth
+        mean = (command - smooth)[:-1] + 0.5 * (smooth[:-1] + smooth[1:])
+        steps = np.diff(recording.time)[:, None] * mean
         integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(steps, 0)])
         return Source(recording, states, command, integral)
 

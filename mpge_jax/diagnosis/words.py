@@ -8,7 +8,9 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.force_errors import force_errors, motion_is_given
 from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.model import is_joint_transmission
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis
@@ -23,12 +25,12 @@ def quantity(entry: dict[str, Any]) -> str:
     # a component far below the largest, or below a hundredth of its interval, is nothing
     least = np.maximum(0.01 * width, 1e-4 * np.nanmax(np.abs(values), initial=0.0) * (values.size > 1))
     values = np.where(np.abs(values) < least, 0.0, values)
-    shown = [_digits(v, w) for v, w in zip(values, width, strict=True)]
+    shown = [digits(v, w) for v, w in zip(values, width, strict=True)]
     text = shown[0] if not isinstance(value, list) else f"({', '.join(shown)})"
     return text if unit == "1" else f"{text} {unit}"
 
 
-def _digits(value: float, width: float) -> str:
+def digits(value: float, width: float) -> str:
     """A number with two digits of its uncertainty, four digits at most."""
     if not np.isfinite(value):
         return "unknown"
@@ -49,6 +51,12 @@ def sentence(d: Diagnosis, f: Fitted, term: Term) -> str:
     return text[0].upper() + text[1:]
 
 
+def _clause(text: str) -> str:
+    """A sentence as a part of another."""
+    text = text.removesuffix(".")
+    return text[0].lower() + text[1:] if text.startswith(("The ", "A ")) else text
+
+
 def explanation(d: Diagnosis) -> str:
     """What a technician needs to know, in a few sentences."""
     from mpge_jax.diagnosis.parameters import candidates_of
@@ -57,8 +65,8 @@ def explanation(d: Diagnosis) -> str:
     ambiguous = candidates_of(d)
     for term in d.terms:
         if term in ambiguous:
-            options = [sentence(d, f, _differing(d, f, term)) for f in ambiguous[term]]
-            parts.append("The recordings cannot tell these apart: " + " Or: ".join(options))
+            options = [_clause(sentence(d, f, _differing(d, f, term))) for f in ambiguous[term]]
+            parts.append(f"The recordings cannot tell which: {', or '.join(options)}.")
         else:
             parts.append(sentence(d, d.fit, term))
     if d.actuators is not None:
@@ -74,19 +82,35 @@ def explanation(d: Diagnosis) -> str:
         parts.append(
             "Nothing is missing: the model predicts the recordings as well as the measurement noise allows."
         )
-    before, after = d.held.before.rms, d.held.after.rms
-    if d.terms:
-        span, gain, unit = d.held.windows.times.max(), before / max(after, 1e-12), error_unit(d)
-        parts.append(
-            f"On recordings that were not used for fitting, the prediction error over {span:.2g} s falls from "
-            f"{before:.3g} to {after:.3g} {unit} ({gain:.1f} times less; noise alone gives {d.held.floor:.2g} {unit})."
-        )
+    if d.terms or (d.actuators is not None and d.actuators.fits):
+        parts.append(_gain(d))
     return " ".join(parts)
 
 
+def _gain(d: Diagnosis) -> str:
+    """How much better held-out recordings are predicted."""
+    unit = error_unit(d)
+    if motion_is_given(d):
+        e = force_errors(d, held=True)
+        what, before, after, noise = "actuator force that the motion needs", e.before, e.after, e.floor
+    else:
+        what = f"motion over {d.held.windows.times.max():.2g} s"
+        before, after, noise = d.held.before.rms, d.held.after.rms, d.held.floor
+    return (
+        f"On recordings that were not used for fitting, the error of the predicted {what} falls from {before:.3g} to "
+        f"{after:.3g} {unit} ({before / max(after, 1e-12):.1f} times less; noise alone gives {noise:.2g} {unit})."
+    )
+
+
 def error_unit(d: Diagnosis) -> str:
-    """Unit of errors of positions, over all joints together."""
-    kinds = set(d.prepared.model.jnt_type.tolist())
+    """Unit of the errors: of positions over all joints together or, where the motion is given, of forces."""
+    m = d.prepared.model
+    kinds = set(m.jnt_type.tolist())
+    if motion_is_given(d):
+        driven = [a for a in map(int, np.flatnonzero(d.prepared.measured)) if is_joint_transmission(m, a)]
+        kinds = {int(m.jnt_type[m.actuator_trnid[a, 0]]) for a in driven}
+        hinge = int(mujoco.mjtJoint.mjJNT_HINGE)
+        return "N and N m" if len(kinds) > 1 else ("N m" if kinds == {hinge} else "N")
     if kinds <= {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL)}:
         return "rad"
     return "m" if kinds == {int(mujoco.mjtJoint.mjJNT_SLIDE)} else "rad and m"

@@ -10,9 +10,9 @@ import pytest
 from machines import ARM, BOX, PENDULUM
 
 from envs._mjx import mjx
-from mpge_jax.diagnosis import REGISTRY, VOCABULARY
+from mpge_jax.diagnosis import REGISTRY, VOCABULARY, InputError
 from mpge_jax.diagnosis.corrected import CorrectedModel, CStepper
-from mpge_jax.diagnosis.effects.base import Context, Place, nominal_context, register
+from mpge_jax.diagnosis.effects.base import Context, Place, find_place, nominal_context, register
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.jax_engine import CorrectedEngine
 from mpge_jax.diagnosis.model import compile_variable
@@ -220,6 +220,60 @@ def test_batched_windows_agree_with_single_steps(effect_id):
     np.testing.assert_allclose(residual, 0, atol=1e-6)
 
 
+def _exported(xml: str, parts: dict[str, tuple[str, list[float]]]) -> tuple[mujoco.MjModel, Machine]:
+    """The model with effects written one after the other, and the machine on which they act: {id: (place, theta)}."""
+    spec = mujoco.MjSpec.from_string(xml)
+    ctx = nominal_context(compile_variable(spec))
+    terms = {Term(i, find_place(ctx, REGISTRY[i], at)): np.array(theta) for i, (at, theta) in parts.items()}
+    spec.compile()
+    for term, theta in terms.items():
+        assert term.effect.export(spec, ctx, term.place, theta)
+    return spec.compile(), Machine.build(ctx, tuple(terms), tuple(terms.values()))
+
+
+def test_exported_effects_add_up():
+    """Each effect is added to what the ones before it left, as in the machine on which they act together."""
+    model, machine = _exported(
+        ARM,
+        {
+            "mass_scale": ("world", [1.5]),
+            "payload_mass": ("fore", [0.2, 0.0, 0.0, -0.25]),
+            "com_offset": ("fore", [0.0, 0.01, 0.0]),
+            "gravity_tilt": ("world", [0.1, 0.05]),
+            "external_force": ("world", [1.0, 0.0, 0.0]),
+            "actuator_gain": ("shoulder_motor", [0.8]),
+            "actuator_bias": ("shoulder_motor", [0.3]),
+        },
+    )
+    assert model.body_mass[2] == pytest.approx(1.5 * 0.6 + 0.2)
+    for name in ("body_mass", "body_ipos", "body_inertia", "actuator_gainprm", "actuator_biasprm"):
+        np.testing.assert_allclose(getattr(model, name), getattr(machine.model, name), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(model.opt.gravity, machine.model.opt.gravity, rtol=1e-12)
+
+
+def test_springs_of_models_in_degrees_are_exported_in_degrees():
+    xml = PENDULUM.replace("<option", '<compiler angle="degree"/><option')
+    xml = xml.replace('name="hinge"', 'name="hinge" stiffness="0.3" springref="20"')
+    model, machine = _exported(xml, {"joint_stiffness": ("hinge", [0.6, 0.1])})
+    # springs in parallel: 0.3 at 20 degrees and 0.6 at 0.1 / 0.6 rad
+    assert model.jnt_stiffness[0] == pytest.approx(0.9)
+    assert model.qpos_spring[0] == pytest.approx((0.3 * np.deg2rad(20) + 0.1) / 0.9)
+    assert machine.model.qpos_spring[0] == pytest.approx(model.qpos_spring[0])
+
+
+def test_vectors_are_reported_as_one_parameter():
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(ARM)))
+    payload, fore = REGISTRY["payload_mass"], Place("body", "fore", 2)
+    values = payload.report(ctx, fore, np.array([[0.2, 1.0, 2.0, 3.0]]))
+    assert set(values) == {"mass", "position"} and values["position"].tolist() == [[1.0, 2.0, 3.0]]
+    assert payload.units(ctx, fore) == {"mass": "kg", "position": "m"}
+    assert payload.naming(ctx, fore) == [0]
+    assert REGISTRY["com_offset"].naming(ctx, fore) == [0, 1, 2]
+    entry = {"id": "payload_mass", "at": "fore", "parameters": {"mass": 0.2, "position": [1.0, 2.0]}}
+    with pytest.raises(InputError, match="effects"):
+        CorrectedModel.build(mujoco.MjSpec.from_string(ARM), [entry])
+
+
 def test_an_effect_of_ones_own_in_a_few_lines():
     from mpge_jax.diagnosis.effects.base import REGISTRY as table
     from mpge_jax.diagnosis.effects.base import Effect, Forces, Param
@@ -244,5 +298,24 @@ def test_an_effect_of_ones_own_in_a_few_lines():
         rebuilt = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), entries)
         a, b = trajectory(CStepper(m), 30, False), trajectory(rebuilt.c_stepper(), 30, False)
         np.testing.assert_array_equal(a, b)
+        assert "test magnet" in term.effect.sentence(term.place, {"strength": "0.3 N m"})
+
+        @register
+        class Glue(Effect):
+            id, kinds, fields = "test_glue", ("joint",), ("dof_damping",)
+            equation = "-g v"
+            says = "The {at} is glued with {glue}."
+
+            def params(self, ctx: Context, place: Place):
+                return (Param("glue", "N m s/rad", 0.0, 5.0, 0.05),)
+
+            def model(self, f, ctx, place, theta):
+                f.add("dof_damping", ctx.dof(place), theta[..., 0])
+
+        model, m = _exported(PENDULUM, {"test_glue": ("hinge", [0.3])})
+        assert model.dof_damping[0] == m.model.dof_damping[0] == pytest.approx(0.32)
+        glue = table["test_glue"].sentence(Place("joint", "hinge", 0), {"glue": "0.30 N m s/rad"})
+        assert glue == "The hinge is glued with 0.30 N m s/rad."
     finally:
         table.pop("test_magnet", None)
+        table.pop("test_glue", None)

@@ -14,9 +14,10 @@ from mpge_jax.diagnosis.fit import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable
 from mpge_jax.diagnosis.outputs import effects_table
+from mpge_jax.diagnosis.report import _drives, _interval
 from mpge_jax.diagnosis.rivals import _one_each
 from mpge_jax.diagnosis.select import Rival
-from mpge_jax.diagnosis.words import quantity
+from mpge_jax.diagnosis.words import explanation, quantity
 
 
 def test_forms_of_a_rival_are_one_entry_and_ties_win():
@@ -83,3 +84,41 @@ def test_table_says_which_effects_of_a_drive_the_corrected_model_holds():
 )
 def test_quantities_show_digits_that_mean_something(entry, text):
     assert quantity(entry) == text
+
+
+def test_intervals_show_as_many_digits_as_they_mean():
+    assert _interval({"low": 0.098071, "high": 0.103099}) == "0.098 to 0.103"
+    assert _interval({"low": [0.1, None], "high": [0.2, None]}) == "0.10 to 0.20"
+    assert _interval({"low": None, "high": None}) == "not determined"
+
+
+def test_errors_of_drives_are_in_the_report_with_escaped_names():
+    d = SimpleNamespace(actuators=SimpleNamespace(errors={"<b>": (0.25, 0.0125)}))
+    text = _drives(d)
+    assert "&lt;b&gt;" in text and "<td>0.25</td><td>0.0125</td>" in text
+    assert _drives(SimpleNamespace(actuators=None)) == ""
+
+
+def test_candidates_are_told_in_one_sentence():
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+    friction = Term("coulomb_friction", Place("joint", "hinge", 0))
+    bias = Term("actuator_bias", Place("actuator", "motor", 0))
+    fits = [
+        Fitted(Hypothesis.of(t), np.array([0.05]), np.zeros(1), np.array([[1e-8]])) for t in (friction, bias)
+    ]
+    rival = Rival(bias, fits[1], 0.0, 0.1, "", True)
+    errors = SimpleNamespace(rms=0.1)
+    d = SimpleNamespace(
+        terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None,
+        prepared=SimpleNamespace(
+            model=ctx.model, measured=np.zeros(1, bool), train_sources=(), held_sources=()
+        ),
+        held=SimpleNamespace(
+            before=errors, after=errors, floor=0.1, windows=SimpleNamespace(times=np.array([0.5]))
+        ),
+    )  # fmt: skip
+    first = explanation(d).partition(". ")[0]
+    assert first == (
+        "The recordings cannot tell which: the hinge has dry friction of 0.05000 N m that the model lacks, or "
+        "the actuator motor adds a constant 0.05000 N m to what it is told"
+    )

@@ -55,13 +55,16 @@ def test_npz_and_csv_give_the_same_recording(tmp_path, arm):
         ({"time": -0.01 * np.arange(20)}, "runs backwards at row 1"),
         ({"time": np.r_[0, 0, 0.01 * np.arange(1, 19)]}, "repeats at row 1"),
         ({"time": np.r_[np.nan, 0.01 * np.arange(1, 20)]}, "not finite at row 0"),
-        ({"qpos": np.zeros((20, 3))}, r"shape \(20, 3\).*needs \(20, 2\)"),
+        ({"qpos": np.zeros((20, 3))}, r"'qpos' has 3 columns but the model needs 2 \(shoulder, elbow\)"),
+        ({"ctrl": np.zeros((20, 1))}, r"'ctrl' has 1 columns but .* 2 \(shoulder_motor, elbow_servo\)"),
+        ({"ctrl": np.zeros((19, 2))}, r"'ctrl' has shape \(19, 2\), but 'time' has 20 rows"),
         ({"qpos": np.full((20, 2), np.nan)}, "no position was measured"),
         ({"qpos": np.r_[[[np.inf, 0.0]], np.zeros((19, 2))]}, "'qpos' of shoulder is infinite at row 0"),
         ({"qpos": np.r_[[[0.0, np.nan]], np.zeros((19, 2))]}, "'qpos' of elbow is NaN at row 0"),
-        ({"ctrl": np.full((20, 2), np.nan)}, "'ctrl' of shoulder_motor is NaN"),
+        ({"ctrl": np.full((20, 2), np.nan)}, "'ctrl' of shoulder_motor was not recorded"),
+        ({"ctrl": np.r_[[[0.0, np.nan]], np.zeros((19, 2))]}, "'ctrl' of elbow_servo is NaN at row 0"),
         ({"ctrl": None}, "neither commands"),
-        ({"qpos": None}, "there is no 'qpos'"),
+        ({"qpos": None}, "there is no 'qpos'.*--map"),
         ({"qpos": np.full((20, 2), "x")}, "does not hold numbers"),
     ],
 )
@@ -84,6 +87,36 @@ def test_unknown_csv_column_names_what_is_known(tmp_path, arm):
     path.write_text("time,qpos:wrist\n0,1\n1,2\n")
     with pytest.raises(InputError, match=r"qpos:wrist.*shoulder, elbow"):
         read_recording(path, *arm)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "no rows below the header"),
+        ("time,qpos:elbow\n", "no rows below the header"),
+        ("time;qpos:elbow\n0;1\n", "separated by semicolons; save it with commas"),
+        ("time,qpos:elbow\n0,1\n\n1\n", "line 4 has 1 cells, but the header has 2 columns"),
+        ("time,qpos:elbow\n0,1\n1,up\n", "'up' in column 'qpos:elbow', line 3, is no number"),
+        ("time,qpos:elbow,qpos:elbow\n0,1,1\n", "'qpos:elbow' appears twice"),
+        ("t,q\n0,1\n", "there is no 'time'.*--map"),
+        ("time,qpos:elbow,Größe\n0,1,2\n", "not UTF-8 text"),
+    ],
+)
+def test_bad_csv_is_told_in_one_sentence(tmp_path, arm, content, message):
+    path = tmp_path / "run.csv"
+    path.write_bytes(content.encode("latin-1"))
+    with pytest.raises(InputError, match=message) as caught:
+        read_recording(path, *arm)
+    assert "\n" not in str(caught.value) and "run.csv" in str(caught.value)
+
+
+def test_columns_of_other_meaning_may_hold_anything(tmp_path, arm):
+    path = tmp_path / "run.csv"
+    titles = "mode,time,qpos:shoulder,qpos:elbow,ctrl:shoulder_motor,ctrl:elbow_servo,mode"
+    path.write_text(f"{titles}\nauto,0,1,2,3,4,x\nmanual,1,5,6,7,8,y\n")
+    r = read_recording(path, *arm)
+    np.testing.assert_array_equal(r.qpos, [[1, 2], [5, 6]])
+    np.testing.assert_array_equal(r.ctrl, [[3, 4], [7, 8]])
 
 
 def test_folder_with_other_files(tmp_path, arm):
@@ -177,6 +210,106 @@ def test_meshes_of_a_urdf_stay_inside_the_folder(tmp_path, name):
         load_spec(path)
 
 
+TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def _urdf(*meshes):
+    """A pendulum whose link has these meshes."""
+    shapes = "".join(f'<collision><geometry><mesh filename="{m}"/></geometry></collision>' for m in meshes)
+    inertia = '<inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/>'
+    return (
+        f'<robot name="r"><link name="base"/><link name="rod">{shapes}<inertial><mass value="1"/>{inertia}</inertial>'
+        '</link><joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>'
+        "</joint></robot>"
+    )
+
+
+@pytest.mark.parametrize("package", [True, False])
+@pytest.mark.parametrize(
+    "name", ["package://my_robot/meshes/a.obj", "../meshes/a.obj", "file://{}/meshes/a.obj"]
+)
+def test_meshes_of_a_ros_package_are_found(tmp_path, name, package):
+    home = tmp_path / "my_robot"
+    for part in ("urdf", "meshes/visual"):
+        (home / part).mkdir(parents=True)
+    if package:
+        (home / "package.xml").write_text("<package/>")
+    (home / "meshes" / "a.obj").write_text(TETRAHEDRON)
+    # another mesh of the same name, twice as large
+    (home / "meshes" / "visual" / "a.obj").write_text(TETRAHEDRON.replace(".1", ".2"))
+    name = name.format(home)
+    path = home / "urdf" / "robot.urdf"
+    path.write_text(_urdf(name, name.replace("meshes/", "meshes/visual/")))
+    spec = load_spec(path)
+    model = spec.copy().compile()
+    assert model.nmesh == 2 and model.njnt == 1
+    meshes = [model.mesh_vert[a : a + 4] for a in model.mesh_vertadr]
+    edges = sorted(np.linalg.norm(v[:, None] - v, axis=-1).max() for v in meshes)
+    np.testing.assert_allclose(edges, [0.1 * 2**0.5, 0.2 * 2**0.5], rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["package://other/a.dae", "../meshes/a.dae", "none.stl"])
+def test_shapes_of_a_urdf_that_are_only_seen_need_not_be_there(tmp_path, name):
+    path = tmp_path / "robot.urdf"
+    seen = f'<visual><geometry><mesh filename="{name}"/></geometry></visual><inertial>'
+    path.write_text(_urdf().replace("<inertial>", seen))
+    assert load_spec(path).compile().njnt == 1
+
+
+def test_models_with_meshes_beside_their_folder_can_be_written(tmp_path):
+    from types import SimpleNamespace
+
+    from mpge_jax.diagnosis.export import write_models
+    from mpge_jax.diagnosis.fit import Fitted
+    from mpge_jax.diagnosis.hypothesis import Hypothesis
+
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "a.obj").write_text(TETRAHEDRON)
+    (tmp_path / "urdf").mkdir()
+    (tmp_path / "urdf" / "robot.urdf").write_text(_urdf("../meshes/a.obj"))
+    asset = '<mujoco><compiler meshdir="../meshes"/><asset><mesh name="a" file="a.obj"/></asset>'
+    body = '<worldbody><body><joint/><geom type="mesh" mesh="a"/></body></worldbody></mujoco>'
+    (tmp_path / "urdf" / "robot.xml").write_text(asset + body)
+    for name in ("robot.urdf", "robot.xml"):
+        nothing = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
+        given = SimpleNamespace(spec=load_spec(tmp_path / "urdf" / name))
+        out = tmp_path / f"out_{name}"
+        write_models(SimpleNamespace(prepared=given, fit=nothing, ctx=None, actuators=None), out)
+        import mujoco
+
+        assert mujoco.MjModel.from_xml_path(str(out / "corrected.xml")).nmesh == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        # a folder beside the model's, and from there one further up
+        (
+            '<mujoco><compiler meshdir=".."/><asset><mesh file="../secret.obj"/></asset></mujoco>',
+            "outside of the model's folder",
+        ),
+        ('<mujoco><asset><mesh file="../secret.txt"/></asset></mujoco>', "outside of the model's folder"),
+        ('<mujoco><include file="../beside.xml"/></mujoco>', "outside of the model's folder"),
+        ('<mujoco><include file="../beside.obj"/></mujoco>', "outside of the model's folder"),
+        (_urdf("../link.obj"), "outside of the model's folder"),
+        (_urdf("package://my_robot/meshes/none.stl"), "'package://my_robot/meshes/none.stl' is not in"),
+        (_urdf("package://my_robot/meshes/a.dae"), r"cannot read the mesh .*a\.dae; convert it"),
+    ],
+)
+def test_what_lies_beside_a_model_is_data_or_refused(tmp_path, text, message):
+    (tmp_path / "secret.obj").write_text(TETRAHEDRON)
+    home = tmp_path / "my_robot"
+    (home / "urdf").mkdir(parents=True)
+    for name in ("secret.txt", "beside.xml", "beside.obj"):
+        (home / name).write_text("<mujoco/>")
+    (home / "link.obj").symlink_to(tmp_path / "secret.obj")
+    path = home / "urdf" / ("robot.urdf" if "<robot" in text else "robot.xml")
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        load_spec(path)
+    assert "\n" not in str(caught.value)
+
+
 def test_size_is_read_from_the_header_before_the_array_is_loaded(tmp_path, arm, monkeypatch):
     from mpge_jax.diagnosis import reader
 
@@ -185,6 +318,32 @@ def test_size_is_read_from_the_header_before_the_array_is_loaded(tmp_path, arm, 
     monkeypatch.setattr(np.lib.npyio.NpzFile, "__getitem__", lambda _self, key: np.zeros(20))
     with pytest.raises(InputError, match=r"'qpos' has 40 values; cut the recording"):
         read_recording(path, *arm)
+
+
+def test_a_table_that_is_too_long_is_told(tmp_path, arm, monkeypatch):
+    from mpge_jax.diagnosis import csv_table
+
+    monkeypatch.setattr(csv_table, "MAX_VALUES", 5)
+    path = tmp_path / "run.csv"
+    path.write_text("time,qpos:elbow\n" + "0,1\n" * 3)
+    with pytest.raises(InputError, match="more than 5 values; cut the recording"):
+        read_recording(path, *arm)
+
+
+def test_mapped_columns_may_stand_beside_text(tmp_path, arm):
+    path = tmp_path / "run.csv"
+    path.write_text("mode,t,a,b,u\nauto,0,90,1,3\nauto,500,180,2,4\n")
+    columns = {
+        "time": {"from": "t", "unit": "ms"},
+        "qpos:shoulder": {"from": "a", "unit": "deg"},
+        "qpos:elbow": "b",
+        "ctrl:shoulder_motor": "u",
+        "ctrl:elbow_servo": "u",
+    }
+    r = read_recording(path, *arm, columns)
+    np.testing.assert_allclose(r.time, [0.0, 0.5])
+    np.testing.assert_allclose(r.qpos, [[np.pi / 2, 1.0], [np.pi, 2.0]])
+    np.testing.assert_array_equal(r.ctrl, [[3, 3], [4, 4]])
 
 
 @settings(max_examples=60, deadline=None)

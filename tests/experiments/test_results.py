@@ -25,6 +25,7 @@ def row(method: str, samples: int, seed: int, value: float, **more: float) -> di
         "return_stochastic": value,
         "return_deterministic": value + 1,
         "seconds": 30.0,
+        "grounding_seconds": 12.0,
         **more,
     }
 

@@ -1,19 +1,18 @@
 """The vocabulary: every effect that the diagnosis knows, by identifier."""
 
-from mpge_jax.diagnosis.effects import actuator, elastic, friction, inertia, sensor, world
-from mpge_jax.diagnosis.effects.base import (
-    REGISTRY,
-    Context,
-    Effect,
-    Fields,
-    Forces,
-    Param,
-    Place,
-    Step,
-    find_place,
-    nominal_context,
-    register,
+from mpge_jax.diagnosis.effects import (
+    actuator,
+    actuator_command,
+    angle,
+    drive,
+    friction,
+    inertia,
+    sensor,
+    world,
 )
+from mpge_jax.diagnosis.effects.base import REGISTRY, Effect, find_place, register
+from mpge_jax.diagnosis.effects.context import Context, Param, Place, nominal_context
+from mpge_jax.diagnosis.effects.step import Fields, Forces, Step
 
 VOCABULARY = (
     "viscous_damping", "coulomb_friction", "stribeck_friction", "load_dependent_friction",
@@ -36,7 +35,9 @@ __all__ = [
     "Place",
     "Step",
     "actuator",
-    "elastic",
+    "actuator_command",
+    "angle",
+    "drive",
     "find_place",
     "friction",
     "inertia",

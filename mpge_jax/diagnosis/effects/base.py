@@ -12,181 +12,44 @@ Equations are written once, for NumPy and `jax.numpy` alike (`xp`), with any lea
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis import model as mj
+from mpge_jax.diagnosis.effects.context import (
+    Context,
+    Param,
+    Place,
+    Samples,
+    all_places,
+    default_places,
+    joint_unit,
+    nominal_context,
+    vector_params,
+)
+from mpge_jax.diagnosis.effects.native import SpecFields, has_form
+from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 
-Array = Any
-"""numpy.ndarray or jax.Array."""
-
-
-@dataclass(frozen=True)
-class Param:
-    """One fitted number: unit, bounds, the scale at which it begins to matter, and a weak Gaussian prior.
-
-    The prior is centred on the start of the fit with deviation `prior` (0: thirty scales); it keeps directions
-    that the data do not see where they are.
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    scale: float
-    prior: float = 0.0
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where an effect acts: an element of the model, by kind, name and index."""
-
-    kind: str
-    name: str
-    index: int
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Smoothed states with the generalised force that the nominal model lacks there.
-
-    Attributes:
-        q: [S, nq]. v: [S, nv]. residual: [S, nv].
-    """
-
-    q: np.ndarray
-    v: np.ndarray
-    residual: np.ndarray
-
-
-@dataclass(frozen=True)
-class Context:
-    """A model with the sizes that set the scales of parameters.
-
-    Attributes:
-        torque: [nv] typical generalised force. speed: [nv] typical velocity. travel: [nv] typical range of motion.
-        acceleration: [nv]. drive: [nu] typical actuator force (before the gear). length: characteristic length
-        of the machine (m). mass: its moving mass (kg). period: median sample time (s).
-    """
-
-    model: mujoco.MjModel
-    names: mj.Names
-    torque: np.ndarray
-    speed: np.ndarray
-    travel: np.ndarray
-    acceleration: np.ndarray
-    drive: np.ndarray
-    length: float
-    mass: float
-    period: float
-    contacts: tuple[int, ...] = ()
-    weight: float = 10.0
-    samples: Samples | None = None
-
-    def dof(self, place: Place) -> int:
-        return int(self.model.jnt_dofadr[place.index])
-
-    def qadr(self, place: Place) -> int:
-        return int(self.model.jnt_qposadr[place.index])
-
-
-def nominal_context(model: mujoco.MjModel, period: float = 0.01) -> Context:
-    """Scales for a model alone, for use without recordings."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    ones = np.ones(model.nv)
-    mass = max(float(model.body_mass[mj.moving_bodies(model)].sum()), 1e-3)
-    moving = mj.moving_bodies(model)
-    length = float(np.ptp(data.xipos[[0, *moving]], axis=0).max()) if moving else 1.0
-    force = np.ones(model.nu)
-    for a in range(model.nu):
-        low, high = model.actuator_forcerange[a] if model.actuator_forcelimited[a] else (-1.0, 1.0)
-        force[a] = max(abs(low), abs(high))
-    length = max(length, 0.05)
-    return Context(
-        model,
-        mj.names_of(model),
-        ones * max(mass * 9.81 * length / 2, 1e-3),
-        ones,
-        ones,
-        10 * ones,
-        force,
-        length,
-        mass,
-        period,
-        contacts=tuple(range(model.ngeom)),
-        weight=mass * 9.81,
-    )
-
-
-def _nothing(_dof: int) -> Array:
-    return 0.0
-
-
-@dataclass
-class Step:
-    """What the equations may read at one step.
-
-    Attributes:
-        q: [..., nq]. v: [..., nv]. u: [..., nu] command after delay and lag.
-        f: [..., nu] actuator force before the gear, as the engine will apply it (native effects included).
-        f_free: the same before the clip to [force_low, force_high].
-        f_position, f_velocity: [..., nu] derivatives of f by the actuator's length and velocity (servo gains).
-        body_velocity: callable body -> [..., 3] world velocity of the body's centre of mass.
-        dt: s. external: callable dof -> [...] torque of gravity and of the other links' motion on that joint.
-    """
-
-    q: Array
-    v: Array
-    u: Array
-    f: Array
-    f_free: Array
-    force_low: Array
-    force_high: Array
-    f_position: Array
-    f_velocity: Array
-    body_velocity: Callable[[int], Array]
-    dt: float
-    external: Callable[[int], Array] = _nothing
-
-
-@dataclass
-class Forces:
-    """Forces that an effect adds at one step (None: nothing).
-
-    Attributes:
-        joint: generalised force [...] on the place's joint.
-        dry: level [...] of dry friction (N m or N) on the place's joint.
-        actuator: force [...] added to the place's actuator, before the gear.
-        body: force [..., 3] at the place's body's centre of mass, world frame.
-    """
-
-    joint: Array | None = None
-    dry: Array | None = None
-    actuator: Array | None = None
-    body: Array | None = None
-
-
-class Fields:
-    """Model fields that an effect may change: `get`, `set`, `add`, `scale` on `field[..., index]`."""
-
-    xp: Any
-
-    def get(self, name: str, index: Any) -> Array:
-        raise NotImplementedError
-
-    def set(self, name: str, index: Any, value: Array) -> None:
-        raise NotImplementedError
-
-    def add(self, name: str, index: Any, value: Array) -> None:
-        self.set(name, index, self.get(name, index) + value)
-
-    def scale(self, name: str, index: Any, factor: Array) -> None:
-        self.set(name, index, self.get(name, index) * factor)
+__all__ = [
+    "REGISTRY",
+    "Array",
+    "Context",
+    "Effect",
+    "Fields",
+    "Forces",
+    "Param",
+    "Place",
+    "Samples",
+    "Step",
+    "all_places",
+    "default_places",
+    "find_place",
+    "joint_unit",
+    "nominal_context",
+    "register",
+    "vector_params",
+]
 
 
 class Effect:
@@ -202,6 +65,14 @@ class Effect:
     tier: int = 1
     """How plain an explanation it is; among explanations that fit alike, lower tiers are preferred."""
     equation: str = ""
+    says: str = ""
+    """One plain sentence for the report, with {at} for the place and the parameters by name."""
+    remedy: str = ""
+    """What recording shows the effect best."""
+    tries: tuple[float, ...] = (1.0,)
+    """Starting values of the fit, each for all parameters, in their scales; small effects first."""
+    vanishes_at: float = 0.0
+    """Value of the parameters at which the effect vanishes."""
     runtime = False
     """Whether `force` must be called each step."""
     commands = False
@@ -210,8 +81,6 @@ class Effect:
     """Whether predictions jump with the parameters (contacts), so that the fit must also try without slopes."""
     senses = False
     """Whether it changes the measurement (`sense`)."""
-    remedy: str = ""
-    """What recording shows the effect best."""
     fields: tuple[str, ...] = ()
     """Model fields that `model` touches."""
     set_const = False
@@ -224,8 +93,9 @@ class Effect:
         return [p for kind in self.kinds for p in default_places(ctx, kind)]
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        """Starting values [k, p] for the fit, small effects first."""
-        return np.array([[p.scale for p in self.params(ctx, place)]])
+        """Starting values [k, p] for the fit."""
+        scales = np.array([p.scale for p in self.params(ctx, place)])
+        return np.array([k * scales for k in self.tries])
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         """Change model fields; theta [..., p]."""
@@ -258,37 +128,58 @@ class Effect:
         """(offset, delay) of the measured position of the place's joint."""
         return 0.0, 0.0
 
+    def _groups(self, ctx: Context, place: Place) -> dict[str, list[int]]:
+        """Reported name -> indices of its parameters: one, or three of a vector."""
+        names = [p.name for p in self.params(ctx, place)]
+        groups: dict[str, list[int]] = {}
+        for i, name in enumerate(names):
+            stem = name[:-2]
+            joined = name[-2:] in ("_x", "_y", "_z") and all(f"{stem}_{axis}" in names for axis in "xyz")
+            groups.setdefault(stem if joined else name, []).append(i)
+        return groups
+
     def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
         """Parameters [..., p] as the vocabulary names them: name -> value [...] or vector [..., 3]."""
-        return {p.name: theta[..., i] for i, p in enumerate(self.params(ctx, place))}
+        groups = self._groups(ctx, place)
+        return {name: theta[..., i if len(i) > 1 else i[0]] for name, i in groups.items()}
 
     def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
-        """Inverse of `report`: theta [p]."""
-        return np.array([float(values[p.name]) for p in self.params(ctx, place)])
+        """Inverse of `report`: theta [p].
+
+        Raises:
+            KeyError, ValueError: a parameter is missing, or is no number or vector of three.
+        """
+        theta = np.zeros(len(self.params(ctx, place)))
+        for name, i in self._groups(ctx, place).items():
+            theta[i] = np.asarray(values[name], dtype=float).reshape(len(i))
+        return theta
 
     def units(self, ctx: Context, place: Place) -> dict[str, str]:
-        return {p.name: p.unit for p in self.params(ctx, place)}
+        params = self.params(ctx, place)
+        return {name: params[i[0]].unit for name, i in self._groups(ctx, place).items()}
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         """Indices of the parameters of which at least one must differ from `null` for the effect to exist."""
-        return [0] if self.params(ctx, place) else []
+        return next(iter(self._groups(ctx, place).values()), [])
 
     def null(self, ctx: Context, place: Place) -> np.ndarray:
         """Parameters at which the effect vanishes."""
-        return np.zeros(len(self.params(ctx, place)))
-
-    def special(self, ctx: Context, place: Place, theta: np.ndarray, deviation: np.ndarray) -> str | None:
-        """Identifier of a limiting case under its own name (a gain of zero is a dead actuator)."""
-        return None
+        return np.full(len(self.params(ctx, place)), self.vanishes_at)
 
     def export(self, spec: mujoco.MjSpec, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        """Add the native MJCF form to the spec. Returns False where MuJoCo has none."""
-        return False
+        """Add the native MJCF form to a compiled spec. Returns False where MuJoCo has none."""
+        if self.runtime or self.commands or self.senses or not has_form(self.fields):
+            return False
+        self.model(SpecFields(spec), ctx, place, theta)
+        return True
 
     def sentence(self, place: Place, values: dict[str, Any]) -> str:
         """One plain sentence for the report; `values` are formatted parameters."""
+        at = "the whole machine" if place.kind == "world" else place.name
+        if self.says:
+            return self.says.format(at=at, **values)
         shown = ", ".join(f"{k} {v}" for k, v in values.items())
-        return f"{place.name} has {self.id.replace('_', ' ')} that the model lacks ({shown})."
+        return f"{at} has {self.id.replace('_', ' ')} that the model lacks ({shown})."
 
 
 REGISTRY: dict[str, Effect] = {}
@@ -305,24 +196,6 @@ def register(effect: type[Effect]) -> type[Effect]:
     return effect
 
 
-def default_places(ctx: Context, kind: str) -> list[Place]:
-    """Every place of a kind where something can act."""
-    m, names = ctx.model, ctx.names
-    if kind == "joint":
-        base = mj.floating_base_joints(m)
-        return [Place("joint", names.joints[j], j) for j in mj.scalar_joints(m) if j not in base]
-    if kind == "actuator":
-        return [Place("actuator", names.actuators[a], a) for a in range(m.nu)]
-    if kind == "body":
-        return [Place("body", names.bodies[b], b) for b in mj.moving_bodies(m)]
-    if kind == "geom":
-        touching = [g for g in ctx.contacts if g < m.ngeom]
-        return [Place("geom", names.geoms[g], g) for g in touching]
-    if kind == "world":
-        return [Place("world", "world", 0)]
-    raise ValueError(f"unknown kind of place '{kind}'.")
-
-
 def find_place(ctx: Context, effect: Effect, name: str) -> Place:
     """The place of that name, of the kinds on which the effect acts."""
     for kind in effect.kinds:
@@ -332,39 +205,3 @@ def find_place(ctx: Context, effect: Effect, name: str) -> Place:
     raise ValueError(
         f"{effect.id} cannot act at '{name}': the model has no such {' or '.join(effect.kinds)}."
     )
-
-
-def all_places(ctx: Context, kind: str) -> list[Place]:
-    m, names = ctx.model, ctx.names
-    if kind == "joint":
-        return [Place("joint", names.joints[j], j) for j in mj.scalar_joints(m)]
-    if kind == "body":
-        return [Place("body", names.bodies[b], b) for b in range(1, m.nbody)]
-    if kind == "geom":
-        return [Place("geom", names.geoms[g], g) for g in range(m.ngeom)]
-    return default_places(ctx, kind)
-
-
-def joint_unit(ctx: Context, place: Place, hinge: str, slide: str) -> str:
-    return hinge if ctx.model.jnt_type[place.index] == mujoco.mjtJoint.mjJNT_HINGE else slide
-
-
-def spec_joint(spec: mujoco.MjSpec, index: int) -> Any:
-    """The joint of that index in a compiled model's order."""
-    return _by_id(spec.joints, index)
-
-
-def spec_body(spec: mujoco.MjSpec, index: int) -> Any:
-    return _by_id(spec.bodies, index)
-
-
-def spec_actuator(spec: mujoco.MjSpec, index: int) -> Any:
-    return _by_id(spec.actuators, index)
-
-
-def spec_geom(spec: mujoco.MjSpec, index: int) -> Any:
-    return _by_id(spec.geoms, index)
-
-
-def _by_id(elements: Any, index: int) -> Any:
-    return next(e for e in elements if e.id == index)

@@ -6,20 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import (
-    Array,
-    Context,
-    Effect,
-    Fields,
-    Forces,
-    Param,
-    Place,
-    Step,
-    all_places,
-    joint_unit,
-    register,
-    spec_joint,
-)
+from mpge_jax.diagnosis.effects.base import Effect, register
+from mpge_jax.diagnosis.effects.context import Context, Param, Place, all_places, joint_unit
+from mpge_jax.diagnosis.effects.native import SpecFields
+from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
+from mpge_jax.diagnosis.model import actuators_of_joint
 
 SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)
 """Impedance of dry friction: 1 % of the mobility is left as regularisation."""
@@ -51,17 +42,12 @@ class _Dry(Effect):
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         stiff_dry_friction(f, ctx, ctx.dof(place), theta[..., 0])
 
-    def _export_dry(self, spec: Any, ctx: Context, place: Place, level: float) -> None:
-        joint = spec_joint(spec, place.index)
-        joint.frictionloss = float(joint.frictionloss) + float(level)
-        joint.solref_friction = [-1.0, -0.9 / float(ctx.model.opt.timestep)]
-        joint.solimp_friction = list(SOLIMP)
-
 
 @register
 class ViscousDamping(Effect):
     id, kinds = "viscous_damping", ("joint",)
     equation = "-b v"
+    says = "The {at} has viscous damping of {coefficient} that the model lacks."
     fields = ("dof_damping",)
     remedy = "move the joint at three speeds over a decade in both directions, then let it coast unpowered"
 
@@ -75,21 +61,12 @@ class ViscousDamping(Effect):
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("dof_damping", ctx.dof(place), theta[..., 0])
 
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        joint = spec_joint(spec, place.index)
-        damping = np.array(joint.damping, dtype=float).reshape(-1)
-        damping[0] += theta[0]
-        joint.damping = damping if damping.size > 1 else float(damping[0])
-        return True
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"The {place.name} has viscous damping of {values['coefficient']} that the model lacks."
-
 
 @register
 class CoulombFriction(_Dry):
     id = "coulomb_friction"
     equation = "-Fc sgn v"
+    says = "The {at} has dry friction of {torque} that the model lacks."
     remedy = "reverse the joint slowly many times, and also move it fast"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -99,18 +76,15 @@ class CoulombFriction(_Dry):
         super().model(f, ctx, place, theta)
         f.add("dof_frictionloss", ctx.dof(place), theta[..., 0])
 
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        self._export_dry(spec, ctx, place, float(theta[0]))
-        return True
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"The {place.name} has dry friction of {values['torque']} that the model lacks."
-
 
 @register
 class StribeckFriction(_Dry):
     id, tier, runtime = "stribeck_friction", 2, True
     equation = "-(Fc + (Fs - Fc) exp(-(v/vs)^2)) sgn v"
+    says = (
+        "The {at} has dry friction that the model lacks: {static} to break loose, {coulomb} when it moves faster than "
+        "about {velocity} (Stribeck)."
+    )
     remedy = "ramp the joint very slowly through zero speed, several times in each direction"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -141,6 +115,7 @@ class StribeckFriction(_Dry):
 class LoadDependentFriction(_Dry):
     id, tier, runtime = "load_dependent_friction", 2, True
     equation = "-(Fc + Kl |load|) sgn v, load = actuator force times gear"
+    says = "The {at} has dry friction of {coulomb} plus {load_coefficient} times the torque that its drive gives."
     remedy = "make the same motion with two loads, lifting and lowering"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -165,6 +140,10 @@ class GearLoadFriction(LoadDependentFriction):
 
     id = "load_dependent_friction:gear"
     equation = "-(Fc + Kl |motor torque - external torque|) sgn v"
+    says = (
+        "The gear of the {at} has dry friction of {coulomb} plus {load_coefficient} times the torque between motor and "
+        "load (motor torque less external torque)."
+    )
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
@@ -173,17 +152,15 @@ class GearLoadFriction(LoadDependentFriction):
         load = motor - s.external(ctx.dof(place))
         return Forces(dry=theta[..., 0] + theta[..., 1] * xp.abs(load)), memory
 
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return (
-            f"The gear of the {place.name} has dry friction of {values['coulomb']} plus {values['load_coefficient']} "
-            "times the torque between motor and load (motor torque less external torque)."
-        )
-
 
 @register
 class AsymmetricFriction(_Dry):
     id, tier, runtime = "asymmetric_friction", 2, True
     equation = "Fc and b each with a value for v > 0 and for v < 0"
+    says = (
+        "The {at} has friction that differs by direction: dry {coulomb_forward} and viscous {viscous_forward} "
+        "forwards, dry {coulomb_backward} and viscous {viscous_backward} backwards."
+    )
     remedy = "move both ways at several speeds"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -215,6 +192,7 @@ class AsymmetricFriction(_Dry):
 class QuadraticDrag(Effect):
     id, kinds, tier, runtime = "quadratic_drag", ("joint", "body"), 2, True
     equation = "-d v |v| (of a body: at its centre of mass)"
+    says = "{at} is slowed by a drag of {coefficient} times the square of its speed."
     fields = ("dof_dampingpoly",)
     remedy = "cover a wide range of speeds"
 
@@ -243,20 +221,10 @@ class QuadraticDrag(Effect):
     def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
         if place.kind == "body":
             return False
-        joint = spec_joint(spec, place.index)
-        damping = np.array(joint.damping, dtype=float).reshape(-1)
-        if damping.size < 2:
-            return False
-        damping[1] += theta[0]
-        joint.damping = damping
+        SpecFields(spec).add("dof_dampingpoly", (ctx.dof(place), 0), theta[0])
         return True
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"{place.name} is slowed by a drag of {values['coefficient']} times the square of its speed."
 
 
 def _drives(ctx: Context, place: Place) -> list[tuple[int, float]]:
     """(actuator, gear) of the actuators on a joint."""
-    from mpge_jax.diagnosis.model import actuators_of_joint
-
     return [(a, float(ctx.model.actuator_gear[a, 0])) for a in actuators_of_joint(ctx.model, place.index)]

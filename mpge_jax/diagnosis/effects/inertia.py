@@ -6,16 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import (
-    Array,
-    Context,
-    Effect,
-    Fields,
-    Param,
-    Place,
-    register,
-    spec_body,
-)
+from mpge_jax.diagnosis.effects.base import Effect, register
+from mpge_jax.diagnosis.effects.context import Context, Param, Place, vector_params
+from mpge_jax.diagnosis.effects.step import Array, Fields
 
 
 def rotation_of(quat: Array, xp: Any) -> Array:
@@ -85,16 +78,15 @@ class _Inertial(Effect):
 class PayloadMass(_Inertial):
     id, kinds = "payload_mass", ("body",)
     equation = "a point mass at a position in the body's frame"
+    says = "{at} carries {mass} more than the model says, at {position} in its own frame."
     fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
     remedy = "hold still in several poses, then move fast in two of them"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         _, size = self._shape(ctx, place)
         scale = 0.1 * max(float(ctx.model.body_mass[place.index]), 0.02 * ctx.mass)
-        position = tuple(
-            Param(f"position_{axis}", "m", -20 * size, 20 * size, 0.05 * size, prior=size) for axis in "xyz"
-        )
-        return (Param("mass", "kg", 0.0, 500 * scale, scale, prior=300 * scale), *position)
+        mass = Param("mass", "kg", 0.0, 500 * scale, scale, prior=300 * scale)
+        return (mass, *vector_params("position", "m", 20 * size, 0.05 * size, prior=size))
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         centre, _ = self._shape(ctx, place)
@@ -109,41 +101,12 @@ class PayloadMass(_Inertial):
         for name, value in zip(self.fields, new, strict=True):
             f.set(name, b, value)
 
-    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
-        return {"mass": theta[..., 0], "position": theta[..., 1:4]}
-
-    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
-        return np.array([values["mass"], *values["position"]], dtype=float)
-
-    def units(self, ctx: Context, place: Place) -> dict[str, str]:
-        return {"mass": "kg", "position": "m"}
-
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        m, b = ctx.model, place.index
-        mass, ipos, inertia, iquat = (np.asarray(getattr(m, name)[b]) for name in self.fields)
-        new = add_point_mass(np, mass, ipos, inertia, iquat, np.asarray(theta[0]), theta[1:4])
-        set_inertial(spec, b, *new)
-        return True
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"{place.name} carries {values['mass']} more than the model says, at {values['position']}."
-
-
-def set_inertial(spec: Any, index: int, mass: Array, ipos: Array, inertia: Array, iquat: Array) -> None:
-    """Write explicit inertial properties of a body; its geoms keep their shapes and lose their masses' say."""
-    body = spec_body(spec, index)
-    body.explicitinertial = True
-    body.mass = float(mass)
-    body.ipos = np.asarray(ipos, dtype=float)
-    body.iquat = np.asarray(iquat, dtype=float)
-    body.inertia = np.asarray(inertia, dtype=float)
-    body.fullinertia = np.full(6, np.nan)
-
 
 @register
 class MassScale(_Inertial):
-    id, kinds = "mass_scale", ("world",)
+    id, kinds, vanishes_at = "mass_scale", ("world",), 1.0
     equation = "every mass and inertia times one factor"
+    says = "The whole machine has {factor} times the mass that the model says."
     fields = ("body_mass", "body_inertia")
     remedy = "passive motion and motion under known forces"
 
@@ -153,62 +116,23 @@ class MassScale(_Inertial):
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         return np.array([[1.1]])
 
-    def null(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.ones(1)
-
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.scale("body_mass", (slice(None),), theta[..., 0, None])
         f.scale("body_inertia", (slice(None),), theta[..., 0, None, None])
 
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        m = ctx.model
-        for b in range(1, m.nbody):
-            if m.body_mass[b] > 0:
-                set_inertial(
-                    spec, b, m.body_mass[b] * theta[0], m.body_ipos[b], m.body_inertia[b] * theta[0],
-                    m.body_iquat[b],
-                )  # fmt: skip
-        return True
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"The whole machine has {values['factor']} times the mass that the model says."
-
 
 @register
 class ComOffset(_Inertial):
-    id, kinds, tier = "com_offset", ("body",), 1
+    id, kinds = "com_offset", ("body",)
     equation = "centre of mass moved"
+    says = "The centre of mass of {at} lies {offset} away from where the model has it."
+    tries = (0.0,)
     fields = ("body_ipos",)
     remedy = "hold still in poses over the full range"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         _, size = self._shape(ctx, place)
-        return tuple(
-            Param(f"offset_{axis}", "m", -5 * size, 5 * size, 0.03 * size, prior=0.5 * size) for axis in "xyz"
-        )
-
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.zeros((1, 3))
-
-    def naming(self, ctx: Context, place: Place) -> list[int]:
-        return [0, 1, 2]
+        return vector_params("offset", "m", 5 * size, 0.03 * size, prior=0.5 * size)
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("body_ipos", (place.index,), theta)
-
-    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
-        return {"offset": theta}
-
-    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
-        return np.array(values["offset"], dtype=float)
-
-    def units(self, ctx: Context, place: Place) -> dict[str, str]:
-        return {"offset": "m"}
-
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        m, b = ctx.model, place.index
-        set_inertial(spec, b, m.body_mass[b], m.body_ipos[b] + theta, m.body_inertia[b], m.body_iquat[b])
-        return True
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"The centre of mass of {place.name} lies {values['offset']} away from where the model has it."

@@ -2,20 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-
-from mpge_jax.diagnosis.effects.base import (
-    Array,
-    Context,
-    Effect,
-    Param,
-    Place,
-    all_places,
-    joint_unit,
-    register,
-)
+from mpge_jax.diagnosis.effects.base import Effect, register
+from mpge_jax.diagnosis.effects.context import Context, Param, Place, all_places, joint_unit
+from mpge_jax.diagnosis.effects.step import Array
 
 
 class _Sensor(Effect):
@@ -30,6 +19,8 @@ class _Sensor(Effect):
 class EncoderOffset(_Sensor):
     id = "encoder_offset"
     equation = "measured q = q + q0"
+    says = "The encoder of the {at} reads {offset} too much."
+    tries = (0.0,)
     remedy = "hold still in poses over the full range; compare with a mechanical stop"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -38,30 +29,20 @@ class EncoderOffset(_Sensor):
             Param("offset", joint_unit(ctx, place, "rad", "m"), -3.0, 3.0, 0.02, prior=min(5 * travel, 1.0)),
         )
 
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.array([[0.0]])
-
     def sense(self, theta: Array) -> tuple[Array | float, Array | float]:
         return theta[..., 0], 0.0
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"The encoder of the {place.name} reads {values['offset']} too much."
 
 
 @register
 class SensorDelay(_Sensor):
     id = "sensor_delay"
     equation = "measured q(t - T)"
+    says = "The encoder of the {at} reports {delay} late."
+    tries = (2.0, 6.0)
     remedy = "compare command and response with a second, faster sensor"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (Param("delay", "s", 0.0, 0.1, 0.5 * max(ctx.period, 2e-3)),)
 
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.array([[1.0], [3.0]]) * max(ctx.period, 2e-3)
-
     def sense(self, theta: Array) -> tuple[Array | float, Array | float]:
         return 0.0, theta[..., 0]
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"The encoder of the {place.name} reports {values['delay']} late."

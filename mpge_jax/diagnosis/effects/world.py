@@ -7,19 +7,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import (
-    Array,
-    Context,
-    Effect,
-    Fields,
-    Forces,
-    Param,
-    Place,
-    Step,
-    default_places,
-    register,
-    spec_geom,
-)
+from mpge_jax.diagnosis.effects.base import Effect, register
+from mpge_jax.diagnosis.effects.context import Context, Param, Place, default_places, vector_params
+from mpge_jax.diagnosis.effects.native import SpecFields
+from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.model import moving_bodies
 
 
@@ -48,6 +39,8 @@ class GravityTilt(Effect):
 
     id, kinds = "gravity_tilt", ("world",)
     equation = "gravity rotated by an angle about an axis"
+    says = "Gravity is tilted by {angle} against the model: the base is not level."
+    tries = (0.0,)
     fields = ("opt.gravity",)
     remedy = "turn the base, or hold still in many poses"
 
@@ -56,9 +49,6 @@ class GravityTilt(Effect):
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return tuple(Param(f"tilt_{i}", "rad", -1.5, 1.5, 0.02, prior=0.5) for i in (1, 2))
-
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.zeros((1, 2))
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return [0, 1]
@@ -83,15 +73,6 @@ class GravityTilt(Effect):
     def units(self, ctx: Context, place: Place) -> dict[str, str]:
         return {"angle": "rad", "axis": "1"}
 
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        gravity = np.array(ctx.model.opt.gravity)
-        turned = rotate(np, gravity, self._vector(ctx, theta))
-        spec.option.gravity = np.array(spec.option.gravity) + turned - gravity
-        return True
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"Gravity is tilted by {values['angle']} against the model: the base is not level."
-
 
 @register
 class ExternalForce(Effect):
@@ -99,6 +80,8 @@ class ExternalForce(Effect):
 
     id, kinds, tier, runtime = "external_force", ("body", "world"), 2, True
     equation = "constant force in the world's frame"
+    says = "A constant outside force of {force} acts on {at}."
+    tries = (0.0,)
     fields = ("opt.gravity",)
     remedy = "repeat the motion with the base turned to another heading"
 
@@ -108,13 +91,7 @@ class ExternalForce(Effect):
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         f = max(ctx.weight, 1e-3)
-        return tuple(Param(f"force_{axis}", "N", -50 * f, 50 * f, 0.05 * f, prior=5 * f) for axis in "xyz")
-
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.zeros((1, 3))
-
-    def naming(self, ctx: Context, place: Place) -> list[int]:
-        return [0, 1, 2]
+        return vector_params("force", "N", 50 * f, 0.05 * f, prior=5 * f)
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         if place.kind == "world":
@@ -126,79 +103,51 @@ class ExternalForce(Effect):
     ) -> tuple[Forces, Any]:
         return (Forces() if place.kind == "world" else Forces(body=theta)), memory
 
-    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
-        return {"force": theta}
-
-    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
-        return np.array(values["force"], dtype=float)
-
-    def units(self, ctx: Context, place: Place) -> dict[str, str]:
-        return {"force": "N"}
-
     def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        if place.kind != "world":
-            return False
-        mass = float(ctx.model.body_mass[moving_bodies(ctx.model)].sum())
-        spec.option.gravity = np.array(spec.option.gravity) + theta / mass
-        return True
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"A constant outside force of {values['force']} acts on {place.name}."
+        if place.kind == "world":
+            self.model(SpecFields(spec), ctx, place, theta)
+        return place.kind == "world"
 
 
 class _Contact(Effect):
+    """Sets one number of a geom, or of all geoms and contact pairs."""
+
     kinds, jagged = ("world", "geom"), True
+    ratios: tuple[float, ...] = ()
+    """Starting values over the nominal one."""
+    pair_columns = 1
 
     def places(self, ctx: Context) -> list[Place]:
         return super().places(ctx) if ctx.contacts else []
 
-    def _geoms(self, place: Place) -> Any:
-        return slice(None) if place.kind == "world" else place.index
+    def null(self, ctx: Context, place: Place) -> np.ndarray:
+        values = getattr(ctx.model, self.fields[0])[:, 0]
+        where = [place.index] if place.kind == "geom" else list(ctx.contacts)
+        return np.array([abs(float(np.max(values[where]))) if where else 1.0])
 
-    def _nominal(self, ctx: Context, place: Place, values: np.ndarray) -> float:
-        if place.kind == "geom":
-            return float(values[place.index])
-        return float(np.max(values[list(ctx.contacts)])) if ctx.contacts else 1.0
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        return np.array(self.ratios)[:, None] * self.null(ctx, place)
 
-    def _export_geoms(self, spec: Any, ctx: Context, place: Place) -> list[Any]:
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        of_geoms, of_pairs = self.fields
         if place.kind == "geom":
-            return [spec_geom(spec, place.index)]
-        return list(spec.geoms)
+            f.set(of_geoms, (place.index, 0), theta[..., 0])
+            return
+        f.set(of_geoms, (slice(None), 0), theta[..., 0, None])
+        if ctx.model.npair:
+            f.set(of_pairs, (slice(None), slice(0, self.pair_columns)), theta[..., 0, None, None])
 
 
 @register
 class ContactFriction(_Contact):
     id = "contact_friction"
     equation = "sliding friction mu of every geom, or of one"
-    fields = ("geom_friction", "pair_friction")
+    fields, pair_columns = ("geom_friction", "pair_friction"), 2
     remedy = "push until it slides"
+    ratios = (0.85, 0.6, 0.4, 0.25, 0.1, 1.3, 1.8)
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (Param("mu", "1", 0.0, 10.0, 0.05),)
-
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        mu = self._nominal(ctx, place, ctx.model.geom_friction[:, 0])
-        return mu * np.array([[0.85], [0.6], [0.4], [0.25], [0.1], [1.3], [1.8]])
-
-    def null(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.array([self._nominal(ctx, place, ctx.model.geom_friction[:, 0])])
-
-    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        mu = theta[..., 0]
-        if place.kind == "world":
-            f.set("geom_friction", (slice(None), 0), mu[..., None])
-            if ctx.model.npair:
-                f.set("pair_friction", (slice(None), slice(0, 2)), mu[..., None, None])
-        else:
-            f.set("geom_friction", (place.index, 0), mu)
-
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        for geom in self._export_geoms(spec, ctx, place):
-            geom.friction = [float(theta[0]), *list(geom.friction)[1:]]
-        if place.kind == "world":
-            for pair in spec.pairs:
-                pair.friction = [float(theta[0])] * 2 + list(pair.friction)[2:]
-        return True
 
     def sentence(self, place: Place, values: dict[str, Any]) -> str:
         where = "The ground" if place.kind == "world" else place.name
@@ -209,39 +158,14 @@ class ContactFriction(_Contact):
 class ContactStiffness(_Contact):
     id, tier = "contact_stiffness", 2
     equation = "time constant of the contact's spring and damper (solref)"
+    says = "Contacts yield with a time constant of {time_constant}, not the model's."
     fields = ("geom_solref", "pair_solref")
     remedy = "drops from several heights"
+    ratios = (0.5, 0.75, 1.4, 2.0, 3.0, 5.0)
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        dt = float(ctx.model.opt.timestep)
-        nominal = abs(self._nominal(ctx, place, ctx.model.geom_solref[:, 0]))
+        dt, nominal = float(ctx.model.opt.timestep), float(self.null(ctx, place)[0])
         return (Param("time_constant", "s", 2 * dt, 1.0, max(0.05 * nominal, 1e-3)),)
-
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        nominal = abs(self._nominal(ctx, place, ctx.model.geom_solref[:, 0]))
-        return nominal * np.array([[0.5], [0.75], [1.4], [2.0], [3.0], [5.0]])
-
-    def null(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.array([abs(self._nominal(ctx, place, ctx.model.geom_solref[:, 0]))])
-
-    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        if place.kind == "world":
-            f.set("geom_solref", (slice(None), 0), theta[..., 0, None])
-            if ctx.model.npair:
-                f.set("pair_solref", (slice(None), 0), theta[..., 0, None])
-        else:
-            f.set("geom_solref", (place.index, 0), theta[..., 0])
-
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        for geom in self._export_geoms(spec, ctx, place):
-            geom.solref = [float(theta[0]), float(geom.solref[1])]
-        if place.kind == "world":
-            for pair in spec.pairs:
-                pair.solref = [float(theta[0]), float(pair.solref[1])]
-        return True
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return f"Contacts yield with a time constant of {values['time_constant']}, not the model's."
 
 
 def contact_geoms(model: mujoco.MjModel) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""Stiffness, cogging, rotor inertia, and drives that join motor and link through a spring or a gap."""
+"""What stands between motor and link: the rotor's inertia, a spring, or a gap."""
 
 from __future__ import annotations
 
@@ -6,150 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import (
-    Array,
-    Context,
-    Effect,
-    Fields,
-    Forces,
-    Param,
-    Place,
-    Step,
-    joint_unit,
-    register,
-    spec_joint,
-)
+from mpge_jax.diagnosis.effects.base import Effect, register
+from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
+from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.model import actuators_of_joint
-
-
-@register
-class JointStiffness(Effect):
-    """Fitted as -k q + c; c = k q0."""
-
-    id, kinds = "joint_stiffness", ("joint",)
-    equation = "-k (q - q0)"
-    fields = ("jnt_stiffness", "qpos_spring")
-    remedy = "sweep the joint slowly through its whole range"
-
-    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        dof = ctx.dof(place)
-        torque, travel = float(ctx.torque[dof]), max(float(ctx.travel[dof]), 1e-3)
-        k = torque / travel
-        return (
-            Param("stiffness", joint_unit(ctx, place, "N m/rad", "N/m"), 1e-4 * k, 100 * k, 0.1 * k),
-            Param("reference", joint_unit(ctx, place, "rad", "m"), -50 * torque, 50 * torque, 0.1 * torque),
-        )
-
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.array([[self.params(ctx, place)[0].scale, 0.0]])
-
-    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        j, q = place.index, ctx.qadr(place)
-        k0, r0 = f.get("jnt_stiffness", (j,)), f.get("qpos_spring", (q,))
-        k = k0 + theta[..., 0]
-        f.set("jnt_stiffness", (j,), k)
-        f.set("qpos_spring", (q,), (k0 * r0 + theta[..., 1]) / k)
-
-    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
-        return {"stiffness": theta[..., 0], "reference": theta[..., 1] / theta[..., 0]}
-
-    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
-        return np.array([values["stiffness"], values["stiffness"] * values["reference"]], dtype=float)
-
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        m, joint = ctx.model, spec_joint(spec, place.index)
-        k0, r0 = float(m.jnt_stiffness[place.index]), float(m.qpos_spring[ctx.qadr(place)])
-        k = k0 + float(theta[0])
-        stiffness = np.array(joint.stiffness, dtype=float).reshape(-1)
-        stiffness[0] = k
-        joint.stiffness = stiffness if stiffness.size > 1 else k
-        reference = (k0 * r0 + float(theta[1])) / k
-        joint.springref = (
-            float(np.rad2deg(reference)) if spec.compiler.degree and _hinge(joint) else reference
-        )
-        return True
-
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return (
-            f"A spring of {values['stiffness']} that the model lacks pulls the {place.name} towards "
-            f"{values['reference']}."
-        )
-
-
-def _hinge(joint: Any) -> bool:
-    import mujoco
-
-    return joint.type == mujoco.mjtJoint.mjJNT_HINGE
-
-
-@register
-class CoggingTorque(Effect):
-    """Fitted as a sin(n q) + b cos(n q)."""
-
-    id, kinds, tier, runtime = "cogging_torque", ("joint",), 2, True
-    equation = "A sin(n q + phi)"
-    remedy = "sweep the joint slowly over full turns"
-
-    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        t = float(ctx.torque[ctx.dof(place)])
-        unit = joint_unit(ctx, place, "N m", "N")
-        return (
-            Param("amplitude", unit, -20 * t, 20 * t, 0.05 * t),
-            Param("phase", "rad", -20 * t, 20 * t, 0.05 * t),
-            Param("periods", "1", 0.5, 400.0, 0.02 / max(float(ctx.travel[ctx.dof(place)]), 0.05), prior=2.0),
-        )
-
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        a, b, _ = self.params(ctx, place)
-        return np.array([[a.scale, b.scale, n] for n in self._periods(ctx, place)])
-
-    def _periods(self, ctx: Context, place: Place) -> list[float]:
-        """The numbers of periods at which the missing torque is most nearly a sinusoid of the angle."""
-        if ctx.samples is None or not len(ctx.samples.q):
-            return [4.0, 12.0]
-        q, r = ctx.samples.q[:, ctx.qadr(place)], ctx.samples.residual[:, ctx.dof(place)]
-        v = ctx.samples.v[:, ctx.dof(place)]
-        limit = np.quantile(np.abs(r), 0.95) + 1e-12
-        r = np.clip(r, -limit, limit)
-        span = max(float(np.ptp(q)), 1e-2)
-        grid = np.arange(max(2.0, 3.0 / span), 80.0, min(0.5, 1.0 / span))
-        basis = np.stack([np.ones_like(q), q, v, np.sign(v)], 1)
-        power = []
-        for n in grid:
-            x = np.concatenate([basis, np.sin(n * q)[:, None], np.cos(n * q)[:, None]], 1)
-            coefficients = np.linalg.lstsq(x, r, rcond=None)[0]
-            power.append(-float(((r - x @ coefficients) ** 2).sum()))
-        order = np.argsort(power)[::-1]
-        picked: list[float] = []
-        for i in order:
-            if all(abs(grid[i] - p) > 3.0 / span for p in picked):
-                picked.append(float(grid[i]))
-            if len(picked) == 3:
-                break
-        return picked
-
-    def naming(self, ctx: Context, place: Place) -> list[int]:
-        return [0, 1]
-
-    def force(
-        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
-    ) -> tuple[Forces, Any]:
-        angle = theta[..., 2] * s.q[..., ctx.qadr(place)]
-        return Forces(joint=theta[..., 0] * xp.sin(angle) + theta[..., 1] * xp.cos(angle)), memory
-
-    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
-        a, b = theta[..., 0], theta[..., 1]
-        return {"amplitude": np.hypot(a, b), "periods": theta[..., 2], "phase": np.arctan2(b, a)}
-
-    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
-        a, phase = float(values["amplitude"]), float(values["phase"])
-        return np.array([a * np.cos(phase), a * np.sin(phase), float(values["periods"])])
 
 
 @register
 class Armature(Effect):
     id, kinds = "armature", ("joint",)
     equation = "-J a"
+    says = "The drive of the {at} has a rotor inertia of {inertia} that the model lacks."
     fields, set_const = ("dof_armature",), True
     remedy = "fast chirps in two poses with different link inertia"
 
@@ -161,18 +28,8 @@ class Armature(Effect):
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("dof_armature", (ctx.dof(place),), theta[..., 0])
 
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        joint = spec_joint(spec, place.index)
-        joint.armature = float(joint.armature) + float(theta[0])
-        return True
 
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        return (
-            f"The drive of the {place.name} has a rotor inertia of {values['inertia']} that the model lacks."
-        )
-
-
-class _Drive(Effect):
+class Drive(Effect):
     """Motor and link as two bodies: the nominal armature is the motor, the recorded angle the link's.
 
     The motor's state (angle, speed) is the effect's memory, stepped implicitly; the link feels the coupling
@@ -244,9 +101,10 @@ class _Drive(Effect):
 
 
 @register
-class JointFlexibility(_Drive):
+class JointFlexibility(Drive):
     id = "joint_flexibility"
     equation = "motor and link joined by k twist + d d(twist)/dt"
+    says = "The drive of the {at} yields like a spring of {stiffness} with a damping of {damping}."
     remedy = "a chirp past the resonance"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -283,17 +141,16 @@ class JointFlexibility(_Drive):
 
 
 @register
-class Backlash(_Drive):
+class Backlash(Drive):
     id = "backlash"
     equation = "motor and link joined through a gap of free travel"
+    says = "The drive of the {at} has a free travel (backlash) of {gap}."
+    tries = (0.5, 2.0)
     remedy = "slow reversals with and without a load that holds the gap closed"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         travel = max(float(ctx.travel[ctx.dof(place)]), 1e-2)
         return (Param("gap", joint_unit(ctx, place, "rad", "m"), 0.0, travel, 0.02 * travel),)
-
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        return self.params(ctx, place)[0].scale * np.array([[0.5], [2.0]])
 
     def _stiffness(self, ctx: Context, place: Place) -> tuple[float, float]:
         """Contact as stiff as the timestep allows for the motor's inertia, near-critically damped."""

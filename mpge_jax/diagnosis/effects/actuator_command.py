@@ -1,0 +1,106 @@
+"""What happens to a command on its way to the drive: it comes late, or smoothed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.signal import lfilter
+
+from mpge_jax.diagnosis.effects.actuator import OfActuator
+from mpge_jax.diagnosis.effects.base import register
+from mpge_jax.diagnosis.effects.context import Context, Param, Place
+from mpge_jax.diagnosis.effects.native import element
+from mpge_jax.diagnosis.effects.step import Array
+
+
+@register
+class ActuatorDelay(OfActuator):
+    id, order, commands = "actuator_delay", -2, True
+    equation = "u(t - T)"
+    says = "The actuator {at} obeys its command {delay} late."
+    tries = (2.0, 8.0)
+    remedy = "a chirp of commands over a wide band, with a second sensor that shows when the response begins"
+    max_delay = 0.25
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        return (Param("delay", "s", 0.0, self.max_delay, 0.5 * max(ctx.period, 2e-3)),)
+
+    def command_memory(self, xp: Any, ctx: Context, place: Place, u: Array, dt: float) -> Any:
+        n = int(np.ceil(self.max_delay / dt)) + 2
+        return xp.repeat(u[..., None], n, -1)
+
+    def command(self, xp: Any, theta: Array, u: Array, memory: Any, dt: float) -> tuple[Array, Any]:
+        # memory[..., i] is the command of i steps ago
+        memory = xp.concatenate([u[..., None], memory[..., :-1]], -1)
+        lag = xp.minimum(theta[..., 0] / dt, memory.shape[-1] - 2.0)
+        whole = xp.floor(lag)
+        near = xp.take_along_axis(memory, whole.astype(int)[..., None], -1)[..., 0]
+        far = xp.take_along_axis(memory, whole.astype(int)[..., None] + 1, -1)[..., 0]
+        part = lag - whole
+        return (1 - part) * near + part * far, memory
+
+    def timeline(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+        lag = (theta[:, 0] / dt)[:, None]
+        whole = np.floor(lag).astype(int)
+        index = np.arange(u.shape[1])[None] - whole
+        near = np.take_along_axis(u, np.maximum(index, 0), 1)
+        far = np.take_along_axis(u, np.maximum(index - 1, 0), 1)
+        part = lag - whole
+        return (1 - part) * near + part * far
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        a = element(spec.actuators, place.index)
+        dt = float(ctx.model.opt.timestep)
+        if theta[0] < dt:
+            return False
+        a.delay = float(theta[0])
+        a.nsample = int(np.ceil(theta[0] / dt)) + 1
+        return True
+
+
+@register
+class ActuatorLag(OfActuator):
+    id, order, commands = "actuator_lag", -1, True
+    equation = "T du_f/dt = u - u_f"
+    says = "The actuator {at} follows its command with a time constant of {time_constant}."
+    tries = (2.0, 10.0)
+    remedy = "a chirp of commands over a wide band"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        return (Param("time_constant", "s", 1e-5, 1.0, 0.5 * max(ctx.period, 2e-3)),)
+
+    def command_memory(self, xp: Any, ctx: Context, place: Place, u: Array, dt: float) -> Any:
+        return u
+
+    def command(self, xp: Any, theta: Array, u: Array, memory: Any, dt: float) -> tuple[Array, Any]:
+        # exact mean over the step of the first-order response to a held command
+        T = theta[..., 0]
+        decay = xp.exp(-dt / T)
+        mean = u + (memory - u) * (1 - decay) * T / dt
+        return mean, u + (memory - u) * decay
+
+    def timeline(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+        # the recursion of `command` as a linear filter, once per distinct time constant
+        out = np.empty_like(u)
+        for T in np.unique(theta[:, 0]):
+            rows = theta[:, 0] == T
+            decay = np.exp(-dt / T)
+            share = (1 - decay) * T / dt
+            start = u[rows, :1]
+            state, _ = lfilter(
+                [0.0, 1 - decay], [1.0, -decay], u[rows] - start, axis=1, zi=np.zeros((rows.sum(), 1))
+            )
+            out[rows] = u[rows] + (state + start - u[rows]) * share
+        return out
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        a = element(spec.actuators, place.index)
+        if a.dyntype != mujoco.mjtDyn.mjDYN_NONE:
+            return False
+        a.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+        prm = np.array(a.dynprm)
+        prm[0] = theta[0]
+        a.dynprm = prm
+        return True

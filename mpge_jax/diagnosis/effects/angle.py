@@ -1,0 +1,112 @@
+"""Torques that depend on the angle of a joint: springs and cogging."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import Effect, register
+from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
+from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
+
+
+@register
+class JointStiffness(Effect):
+    """Fitted as -k q + c; c = k q0."""
+
+    id, kinds = "joint_stiffness", ("joint",)
+    equation = "-k (q - q0)"
+    says = "A spring of {stiffness} that the model lacks pulls the {at} towards {reference}."
+    fields = ("jnt_stiffness", "qpos_spring")
+    remedy = "sweep the joint slowly through its whole range"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        dof = ctx.dof(place)
+        torque, travel = float(ctx.torque[dof]), max(float(ctx.travel[dof]), 1e-3)
+        k = torque / travel
+        return (
+            Param("stiffness", joint_unit(ctx, place, "N m/rad", "N/m"), 1e-4 * k, 100 * k, 0.1 * k),
+            Param("reference", joint_unit(ctx, place, "rad", "m"), -50 * torque, 50 * torque, 0.1 * torque),
+        )
+
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        return np.array([[self.params(ctx, place)[0].scale, 0.0]])
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        j, q = place.index, ctx.qadr(place)
+        k0, r0 = f.get("jnt_stiffness", (j,)), f.get("qpos_spring", (q,))
+        k = k0 + theta[..., 0]
+        f.set("jnt_stiffness", (j,), k)
+        f.set("qpos_spring", (q,), (k0 * r0 + theta[..., 1]) / k)
+
+    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
+        return {"stiffness": theta[..., 0], "reference": theta[..., 1] / theta[..., 0]}
+
+    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
+        return np.array([values["stiffness"], values["stiffness"] * values["reference"]], dtype=float)
+
+
+@register
+class CoggingTorque(Effect):
+    """Fitted as a sin(n q) + b cos(n q)."""
+
+    id, kinds, tier, runtime = "cogging_torque", ("joint",), 2, True
+    equation = "A sin(n q + phi)"
+    says = "A torque of {amplitude} that comes and goes {periods} times a turn pulls at the {at} (cogging)."
+    remedy = "sweep the joint slowly over full turns"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        t = float(ctx.torque[ctx.dof(place)])
+        unit = joint_unit(ctx, place, "N m", "N")
+        return (
+            Param("amplitude", unit, -20 * t, 20 * t, 0.05 * t),
+            Param("phase", "rad", -20 * t, 20 * t, 0.05 * t),
+            Param("periods", "1", 0.5, 400.0, 0.02 / max(float(ctx.travel[ctx.dof(place)]), 0.05), prior=2.0),
+        )
+
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        a, b, _ = self.params(ctx, place)
+        return np.array([[a.scale, b.scale, n] for n in self._periods(ctx, place)])
+
+    def _periods(self, ctx: Context, place: Place) -> list[float]:
+        """The numbers of periods at which the missing torque is most nearly a sinusoid of the angle."""
+        if ctx.samples is None or not len(ctx.samples.q):
+            return [4.0, 12.0]
+        q, r = ctx.samples.q[:, ctx.qadr(place)], ctx.samples.residual[:, ctx.dof(place)]
+        v = ctx.samples.v[:, ctx.dof(place)]
+        limit = np.quantile(np.abs(r), 0.95) + 1e-12
+        r = np.clip(r, -limit, limit)
+        span = max(float(np.ptp(q)), 1e-2)
+        grid = np.arange(max(2.0, 3.0 / span), 80.0, min(0.5, 1.0 / span))
+        basis = np.stack([np.ones_like(q), q, v, np.sign(v)], 1)
+        power = []
+        for n in grid:
+            x = np.concatenate([basis, np.sin(n * q)[:, None], np.cos(n * q)[:, None]], 1)
+            coefficients = np.linalg.lstsq(x, r, rcond=None)[0]
+            power.append(-float(((r - x @ coefficients) ** 2).sum()))
+        order = np.argsort(power)[::-1]
+        picked: list[float] = []
+        for i in order:
+            if all(abs(grid[i] - p) > 3.0 / span for p in picked):
+                picked.append(float(grid[i]))
+            if len(picked) == 3:
+                break
+        return picked
+
+    def naming(self, ctx: Context, place: Place) -> list[int]:
+        return [0, 1]
+
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        angle = theta[..., 2] * s.q[..., ctx.qadr(place)]
+        return Forces(joint=theta[..., 0] * xp.sin(angle) + theta[..., 1] * xp.cos(angle)), memory
+
+    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
+        a, b = theta[..., 0], theta[..., 1]
+        return {"amplitude": np.hypot(a, b), "periods": theta[..., 2], "phase": np.arctan2(b, a)}
+
+    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
+        a, phase = float(values["amplitude"]), float(values["phase"])
+        return np.array([a * np.cos(phase), a * np.sin(phase), float(values["periods"])])

@@ -1,0 +1,76 @@
+"""What the equations of an effect read at one step, and what they may change: forces, and fields of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+Array = Any
+"""numpy.ndarray or jax.Array."""
+
+
+def _nothing(_dof: int) -> Array:
+    return 0.0
+
+
+@dataclass
+class Step:
+    """What the equations may read at one step.
+
+    Attributes:
+        q: [..., nq]. v: [..., nv]. u: [..., nu] command after delay and lag.
+        f: [..., nu] actuator force before the gear, as the engine will apply it (native effects included).
+        f_free: the same before the clip to [force_low, force_high].
+        f_position, f_velocity: [..., nu] derivatives of f by the actuator's length and velocity (servo gains).
+        body_velocity: callable body -> [..., 3] world velocity of the body's centre of mass.
+        dt: s. external: callable dof -> [...] torque of gravity and of the other links' motion on that joint.
+    """
+
+    q: Array
+    v: Array
+    u: Array
+    f: Array
+    f_free: Array
+    force_low: Array
+    force_high: Array
+    f_position: Array
+    f_velocity: Array
+    body_velocity: Callable[[int], Array]
+    dt: float
+    external: Callable[[int], Array] = _nothing
+
+
+@dataclass
+class Forces:
+    """Forces that an effect adds at one step (None: nothing).
+
+    Attributes:
+        joint: generalised force [...] on the place's joint.
+        dry: level [...] of dry friction (N m or N) on the place's joint.
+        actuator: force [...] added to the place's actuator, before the gear.
+        body: force [..., 3] at the place's body's centre of mass, world frame.
+    """
+
+    joint: Array | None = None
+    dry: Array | None = None
+    actuator: Array | None = None
+    body: Array | None = None
+
+
+class Fields:
+    """Model fields that an effect may change: `get`, `set`, `add`, `scale` on `field[..., index]`."""
+
+    xp: Any
+
+    def get(self, name: str, index: Any) -> Array:
+        raise NotImplementedError
+
+    def set(self, name: str, index: Any, value: Array) -> None:
+        raise NotImplementedError
+
+    def add(self, name: str, index: Any, value: Array) -> None:
+        self.set(name, index, self.get(name, index) + value)
+
+    def scale(self, name: str, index: Any, factor: Array) -> None:
+        self.set(name, index, self.get(name, index) * factor)

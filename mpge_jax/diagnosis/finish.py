@@ -1,0 +1,82 @@
+"""After the search: terms that are not needed go, and the rest is fitted until it stands still."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.candidates import compatible
+from mpge_jax.diagnosis.fit import Fitted, fit, gauss_newton_shift, timing_error
+from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.screen import ELABORATE
+from mpge_jax.diagnosis.select import SIGNIFICANT, SMALL, Search
+from mpge_jax.diagnosis.simulate import Run
+from mpge_jax.diagnosis.whiten import Whitener, whitener
+
+Array = np.ndarray
+
+
+def prune(s: Search, current: Fitted) -> Fitted:
+    """Remove or simplify, one at a time, effects without which held-out windows are predicted as well."""
+    while current.hypothesis.terms:
+        if not _simpler(s, current):
+            return current
+        whites = s.whiten(current)
+        current = fit(s.sim, [current], s.train, whites[0], iterations=3)[0]
+        smaller = fit(s.sim, _simpler(s, current), s.train, whites[0], iterations=4)
+        scored = s.score([*smaller, current], whites)
+        weakest = min(scored[:-1], key=lambda r: r.losses.mean())
+        # what was once accepted needs less to stay
+        if s.needed(scored[-1], weakest, doubt=0.6 * SIGNIFICANT) and s.share(current, weakest.fit) > SMALL:
+            return current
+        s.log.append(f"removed: {current.hypothesis} -> {weakest.fit.hypothesis}")
+        current = weakest.fit
+    return current
+
+
+def _simpler(s: Search, current: Fitted) -> list[Fitted]:
+    """The hypothesis without each of several terms, and with the plain form of each elaborate friction."""
+    ctx = s.sim.ctx
+    parts = current.hypothesis.split(ctx, current.theta)
+    centres = current.hypothesis.split(ctx, current.centre)
+    out = []
+    for t in current.hypothesis.terms:
+        h = current.hypothesis.without(t)
+        if h.terms:
+            out.append(Fitted(h, h.gather(ctx, parts), h.gather(ctx, centres)))
+        plain = Term("coulomb_friction", t.place)
+        if t.id in ELABORATE and plain in s.terms and compatible(h, plain):
+            start = {plain: np.array([max(float(parts[t][0]), plain.params(ctx)[0].scale)])}
+            h = h.with_term(plain)
+            out.append(Fitted(h, h.gather(ctx, {**parts, **start}), h.gather(ctx, {**centres, **start})))
+    return out
+
+
+def final_fit(s: Search, current: Fitted) -> tuple[Fitted, tuple[Whitener, Whitener]]:
+    """Refit under the hypothesis's own whitening until it stands still."""
+    for _ in range(2):
+        whites = s.whiten(current)
+        if not current.theta.size:
+            break
+        current = fit(s.sim, [current], s.train, whites[0], iterations=6, tolerance=1e-5)[0]
+    whites = s.whiten(current)
+    return with_timestep_error(s, current), whites
+
+
+def with_timestep_error(s: Search, f: Fitted) -> Fitted:
+    """Add to the covariance what the timestep does to the parameters: their shift when it is halved.
+
+    A semi-implicit step acts half a timestep early, which the fit takes for physics (a delay too long by that
+    much); the noise says nothing about it. The shift is one Gauss-Newton step. Times also carry `timing_error`.
+    """
+    if not f.theta.size or not f.cov.size:
+        return f
+    white = whitener(s.sim, f.hypothesis, f.theta, s.train, s.noise)
+    run = [Run(f.hypothesis, f.theta)]
+    moved = white(s.sim.residuals(run, s.train.refined(2))[0])
+    shift = np.abs(gauss_newton_shift(s.sim, f, s.train, white, moved))
+    deviation = np.sqrt(np.maximum(np.diag(f.cov), 0.0))
+    shift = np.hypot(shift, timing_error(f.hypothesis.params(s.sim.ctx), f.theta, s.train.dt))
+    widths = np.where(deviation > 0, np.sqrt(deviation**2 + shift**2) / np.maximum(deviation, 1e-300), 1.0)
+    return replace(f, cov=f.cov * widths[:, None] * widths[None, :])

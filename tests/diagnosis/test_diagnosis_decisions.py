@@ -1,0 +1,235 @@
+"""How the search decides: evidence, balance, ranks, what is looked at, exchanges, the floor."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+from machines import ARM, PENDULUM, record
+
+from mpge_jax.diagnosis import Config, Recording, diagnose
+from mpge_jax.diagnosis import select as selection
+from mpge_jax.diagnosis.actuator_side import diagnose_actuators
+from mpge_jax.diagnosis.calibrate import floor
+from mpge_jax.diagnosis.coarse import is_coarse
+from mpge_jax.diagnosis.diagnosis import _build_search
+from mpge_jax.diagnosis.effects.base import Param, Place
+from mpge_jax.diagnosis.evidence import deviations, strong
+from mpge_jax.diagnosis.finish import final_fit, prune
+from mpge_jax.diagnosis.fit import Fitted, timing_error
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.model import compile_variable, names_of
+from mpge_jax.diagnosis.prepare import prepare, with_drives
+from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.rivals import better_rival, find_rivals
+from mpge_jax.diagnosis.screen import ELABORATE, screen
+from mpge_jax.diagnosis.select import Scored, search
+from mpge_jax.diagnosis.states import estimate
+from mpge_jax.diagnosis.telling import telling_windows
+
+HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
+COULOMB, STRIBECK = Term("coulomb_friction", HINGE), Term("stribeck_friction", HINGE)
+DAMPING, GAIN = Term("viscous_damping", HINGE), Term("actuator_gain", MOTOR)
+ARMATURE = Term("armature", HINGE)
+
+
+def search_of(xml: str, recordings: list[Recording]):
+    spec = mujoco.MjSpec.from_string(xml)
+    plain = compile_variable(spec)
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    return _build_search(p, lambda _text: None), p
+
+
+def fitted(s, values: dict[Term, list[float]]) -> Fitted:
+    h = Hypothesis.of(*values)
+    theta = h.gather(s.sim.ctx, {t: np.array(v) for t, v in values.items()})
+    return Fitted(h, theta, theta)
+
+
+@pytest.fixture(scope="module")
+def null():
+    return search_of(PENDULUM, record(PENDULUM, 0.8))
+
+
+@pytest.fixture(scope="module")
+def rubbing():
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[0] = 0.1
+        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+    return search_of(PENDULUM, record(PENDULUM, 0.8, change=change))
+
+
+def test_an_effect_that_acts_in_few_windows_is_evidence():
+    gain = np.zeros(40)
+    gain[:5] = [18.7, 18.2, 11.6, 2.3, 1.6]
+    assert deviations(gain) < 3 and strong(gain, gain)
+
+
+def test_one_window_is_no_evidence_and_neither_is_chaos():
+    one, chaos = np.zeros(40), np.zeros(40)
+    one[0] = 40.0
+    chaos[:8] = [20, 15, 10, 5, -4, -6, -8, -3]
+    assert not strong(one, one) and not strong(chaos, chaos)
+
+
+def test_ranks_see_what_spoiled_windows_blur():
+    rng = np.random.default_rng(0)
+    gain = np.concatenate([rng.uniform(0.1, 0.6, 45), rng.uniform(-0.4, 0, 10), [5, -5, 6, -6, 7, -7]])
+    mean = gain.mean() / (gain.std(ddof=1) / np.sqrt(gain.size))
+    assert mean < 1.0 and deviations(gain) > 3.0
+
+
+def test_small_gains_at_the_noise_are_not_needed(null):
+    s, _ = null
+    old = Scored(fitted(s, {COULOMB: [0.1]}), np.full(40, 1.2), np.full(33, 1.2), 1, 1)
+    rng = np.random.default_rng(0)
+    better = Scored(
+        fitted(s, {COULOMB: [0.1], ARMATURE: [0.001]}),
+        old.train - 0.1 + 0.02 * rng.standard_normal(40),
+        old.held - 0.1 + 0.02 * rng.standard_normal(33),
+        2,
+        2,
+    )
+    assert not s.needed(better, old)
+    assert s.needed(dataclasses.replace(better, held=better.held - 0.2), old)
+
+
+def test_windows_in_which_something_happens_are_fitted():
+    x = np.ones(200)
+    x[[3, 77, 150]] = 40.0
+    index, typical = telling_windows(x, 40, np.random.default_rng(0))
+    assert index.size == np.unique(index).size == 40 and typical == 27
+    assert {3, 77, 150} <= set(index[typical:].tolist())
+    assert telling_windows(x[:30], 40, np.random.default_rng(0))[1] == 30
+
+
+def test_nothing_is_looked_for_at_the_noise(null, monkeypatch):
+    s, _ = null
+
+    def never(*_args):
+        raise AssertionError("screened although nothing is missing")
+
+    monkeypatch.setattr(selection, "screen", never)
+    f, last = search(s)
+    assert not f.hypothesis.terms and not last
+
+
+def test_a_fit_that_names_nothing_gives_way_to_one_that_does(rubbing):
+    s, _ = rubbing
+    unknown = dataclasses.replace(fitted(s, {STRIBECK: [0.1, 0.1, 0.2]}), cov=np.diag([1e-6, 1.0, 1e-6]))
+    known = dataclasses.replace(fitted(s, {COULOMB: [0.1]}), cov=np.diag([1e-6]))
+    losses = np.ones(40), np.ones(20)
+    ranked = [Scored(unknown, *losses, 1, 1), Scored(known, losses[0] + 0.5, losses[1] + 0.5, 1, 1)]
+    assert s.choose(ranked).fit.hypothesis == known.hypothesis
+
+
+def test_elaborate_friction_is_screened_only_where_plain_friction_helps(null, rubbing):
+    for (s, _), expected in ((null, False), (rubbing, True)):
+        white = s.whiten_one(s.nominal(), s.train)
+        found = screen(s.sim, s.nominal(), s.terms, *s.sample(s.nominal(), white))
+        assert any(t.id in ELABORATE for f in found for t in f.hypothesis.terms) == expected
+
+
+def test_a_start_that_is_far_too_large_does_not_hide_an_effect(rubbing, monkeypatch):
+    s, _ = rubbing
+    monkeypatch.setattr(type(COULOMB.effect), "starts", lambda *_args: np.array([[1.5]]))
+    sample = s.sample(s.nominal(), s.whiten_one(s.nominal(), s.train))
+    (f,) = screen(s.sim, s.nominal(), [COULOMB], *sample)
+    assert f.theta[0] == pytest.approx(0.1, rel=0.5)
+
+
+def test_pruning_keeps_what_is_needed_in_its_plainest_form(rubbing):
+    s, _ = rubbing
+    f, _ = final_fit(s, fitted(s, {STRIBECK: [0.1, 0.1, 0.5], GAIN: [1.0]}))
+    assert prune(s, f).hypothesis.terms == (COULOMB,)
+
+
+def test_a_wrong_term_is_exchanged(rubbing):
+    s, _ = rubbing
+    f, whites = final_fit(s, fitted(s, {ARMATURE: [0.001]}))
+    rivals = find_rivals(s, s.score([f], whites)[0], whites, [])
+    better = better_rival(rivals)
+    assert better is not None and better.term == COULOMB
+
+
+def test_the_floor_is_what_a_true_model_leaves():
+    """The start is smoothed from the same rows as it is compared with, so its error and theirs are not independent."""
+    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), record(PENDULUM, 0.8, noise=1e-3), Config(jobs=1))
+    assert d.verdict == "none"
+    assert 0.5 < d.held.after.rms / d.held.floor < 1.6
+
+
+def test_floor_is_lower_than_that_of_independent_errors(null):
+    s, p = null
+    assert floor(p, s.nominal()).ratio < 1.0
+
+
+def test_actuator_effects_show_in_the_prediction_from_commands():
+    gain, recordings = 0.7, []
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    model.opt.timestep /= 4
+    rng = np.random.default_rng(0)
+    for k in range(4):
+        data, rows = mujoco.MjData(model), []
+        data.qpos[0] = 0.3 * k
+        for i in range(200):
+            u = np.sin(0.03 * i * (k + 1)) + 0.4 * np.sign(np.sin(0.11 * i))
+            rows.append((0.01 * i, data.qpos[0], u, gain * u))
+            data.ctrl[0] = gain * u
+            mujoco.mj_step(model, data, 20)
+        t, q, u, f = np.array(rows).T
+        q = q + 1e-4 * rng.standard_normal(q.size)
+        f = f + 1e-3 * rng.standard_normal(f.size)
+        recordings.append(Recording(f"run_{k}", t, q[:, None], None, u[:, None], f[:, None]))
+    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1))
+    found = d.to_json()
+    assert [(e["id"], e["at"]) for e in found["effects"]] == [("actuator_gain", "motor")]
+    assert d.held.before.rms > 10 * d.held.after.rms
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+def test_back_emf_is_read_from_measured_forces_on_a_jittered_clock(jitter):
+    """The command changes at the rows themselves, and the force follows the speed between them."""
+    coefficient, recordings = 0.3, []
+    rng, plain = np.random.default_rng(0), mujoco.MjModel.from_xml_string(PENDULUM)
+    for k in range(3):
+        t = np.cumsum(0.01 * (1 + jitter * rng.uniform(-1, 1, 150)))
+        q, v = np.sin(3 * t + k), 3 * np.cos(3 * t + k)
+        u = np.sin((k + 2) * t) + 0.8 * np.sign(np.sin(25 * t))
+        f = u - coefficient * v + 1e-3 * rng.standard_normal(t.size)
+        q = q + 1e-4 * rng.standard_normal(t.size)
+        recordings.append(Recording(f"run_{k}", t, q[:, None], None, u[:, None], f[:, None]))
+    p = search_of(PENDULUM, recordings)[1]
+    found = diagnose_actuators(p, plain, ["actuator_gain", "actuator_bias", "actuator_delay", "back_emf"])
+    assert [e["id"] for e in found.effects] == ["back_emf"]
+    assert found.effects[0]["parameters"]["coefficient"]["value"] == pytest.approx(coefficient, rel=0.02)
+    # between rows, the integral of the measured force follows the speed and keeps the steps of the command
+    source = with_drives(p, plain, *found.between_rows()).train_sources[0]
+    r, steps = source.recording, np.diff(source.recording.time)
+    follows = (r.force - r.ctrl)[:, 0]
+    mean = r.ctrl[:-1, 0] + 0.5 * (follows[:-1] + follows[1:])
+    np.testing.assert_allclose(np.diff(source.integral[:, 0]), steps * mean, atol=1e-9)
+
+
+def test_times_are_known_to_a_part_of_a_timestep():
+    params = [Param("delay", "s", 0, 1, 0.01), Param("gain", "1", 0, 2, 0.1)]
+    np.testing.assert_allclose(timing_error(params, np.array([0.01, 1.0]), 0.002), [0.002 / 12**0.5, 0.0])
+    np.testing.assert_allclose(timing_error(params, np.array([0.01, 1.0]), 0.02), [0.001, 0.0])
+
+
+def test_dense_logs_are_not_coarse_and_undersampled_ones_are():
+    def states(amplitude: float, frequency: float) -> bool:
+        rng, model = np.random.default_rng(0), mujoco.MjModel.from_xml_string(ARM)
+        time = 0.02 * np.arange(400)
+        wave = 2 * np.pi * frequency
+        q = amplitude * np.sin(wave * time)[:, None] * [1.0, 0.6]
+        v = amplitude * wave * np.cos(wave * time)[:, None] * [1.0, 0.6]
+        q, v = (x + 1e-3 * rng.standard_normal(x.shape) for x in (q, v))
+        r = Recording("r", time, q, v, np.zeros((400, 2)))
+        return is_coarse([r], model, estimate([r], model, names_of(model))[0])
+
+    assert not states(0.5, 0.7)
+    assert states(0.5, 21.0)
