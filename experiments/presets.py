@@ -152,8 +152,8 @@ STANDARD = Preset(
     name="standard",
     tasks={
         "InvertedPendulum": _fast(200, -0.5, 6_144, 1_000),
-        "Hopper": _fast(500, -1.5, 12_288, 1_000),
-        "HalfCheetah": _fast(1000, -1.5, 12_288, 10_000),
+        "Hopper": _fast(500, -1.5, 30_720, 1_000),
+        "HalfCheetah": _fast(1000, -1.5, 30_720, 10_000),
     },
 )
 

@@ -319,3 +319,10 @@ def test_an_effect_of_ones_own_in_a_few_lines():
     finally:
         table.pop("test_magnet", None)
         table.pop("test_glue", None)
+
+
+def test_a_sensor_delay_is_looked_for_below_the_sample_time():
+    ctx = nominal_context(mujoco.MjModel.from_xml_string(PENDULUM), period=0.02)
+    effect = REGISTRY["sensor_delay"]
+    (place, *_) = effect.places(ctx)
+    assert effect.starts(ctx, place).min() <= 0.005

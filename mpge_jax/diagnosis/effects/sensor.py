@@ -38,7 +38,7 @@ class SensorDelay(_Sensor):
     id = "sensor_delay"
     equation = "measured q(t - T)"
     says = "The encoder of the {at} reports {delay} late."
-    tries = (2.0, 6.0)
+    tries = (0.5, 2.0, 6.0)
     remedy = "compare command and response with a second, faster sensor"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
