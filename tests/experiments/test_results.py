@@ -25,7 +25,7 @@ def row(method: str, samples: int, seed: int, value: float, **more: float) -> di
         "return_stochastic": value,
         "return_deterministic": value + 1,
         "seconds": 30.0,
-        "grounding_seconds": 12.0,
+        "grounding_seconds": 12.0 if samples else 0.0,
         **more,
     }
 
@@ -62,7 +62,7 @@ def test_a_sweep_is_reported_with_its_command_and_numbers(folder: Path, tmp_path
     assert "| direct | - | 2 | 5 ± 7 | 6 ± 7 | 34 |  | 0 |" in text
     assert "| SPG | 1000 | 2 | 850 ± 71 | 851 ± 71 | 293 | 0.250 ± 0.000 | 1000 |" in text
     assert "SPG-500 failed: ValueError: nothing was recorded" in text
-    assert "direct 1.0; SPG at 1,000 1.0" in text
+    assert "direct 1.0; SPG at 1,000 1.0 (grounding 0.4)." in text
     # Shares of 20 iterations: the 1st, 2nd, 5th, 10th and 20th, at 0.95 / 19 = 0.05 less each.
     wanted = (
         "| SPG | 1,000 | 20 | 1.000 / 2.000 | 0.950 / 1.900 | 0.800 / 1.600 | 0.550 / 1.100 | 0.050 / 0.100 |"
