@@ -233,3 +233,11 @@ def test_dense_logs_are_not_coarse_and_undersampled_ones_are():
 
     assert not states(0.5, 0.7)
     assert states(0.5, 21.0)
+
+
+def test_half_a_timestep_is_no_delay(null):
+    s, p = null
+    late, dt = Term("sensor_delay", HINGE), float(p.model.opt.timestep)
+    for steps, known in ((0.5, False), (1.5, True)):
+        certain = dataclasses.replace(fitted(s, {late: [steps * dt]}), cov=np.array([[1e-12]]))
+        assert s.named(certain) is known
