@@ -38,8 +38,8 @@ exact to the noise). It leaves too little for an effect to be `needed`."""
 NAMED = 4.0
 """Deviations by which a naming parameter must differ from its null value."""
 STEPS = 0.75
-"""Timesteps that a delay or time constant must last: a semi-implicit step acts half a step early, which another
-integrator or a finer timestep behind the recordings does not."""
+"""Timesteps that a delay or time constant lasts at least, unless it halves the loss: a semi-implicit step acts half a
+step early, which another integrator or a finer timestep behind the recordings does not."""
 
 
 @dataclass
@@ -206,7 +206,18 @@ class Search:
             self.needed(new, old, doubt)
             and self.named(new.fit, old.fit.hypothesis)
             and (first or self.share(new.fit, old.fit) > SMALL)
+            and (self.lasts(new.fit, old.fit.hypothesis) or bool(2.0 * new.held.mean() < old.held.mean()))
         )
+
+    def lasts(self, f: Fitted, without: Hypothesis) -> bool:
+        """Whether no added term is a mere delay, or lag, of less than a timestep."""
+        ctx = self.sim.ctx
+        for term, theta in f.hypothesis.split(ctx, f.theta).items():
+            params, naming = term.effect.params(ctx, term.place), term.effect.naming(ctx, term.place)
+            times = [theta[i] for i in naming if params[i].unit == "s"]
+            if term not in without.terms and times and max(times) < STEPS * ctx.model.opt.timestep:
+                return False
+        return True
 
     def needed(self, new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
         """Whether held-out windows are predicted better with the terms that `new` has and `old` lacks."""
@@ -241,9 +252,6 @@ class Search:
             cov = f.cov[part, part]
             delta = f.theta[part] - null
             z = np.abs(delta[naming]) / np.sqrt(np.maximum(np.diag(cov)[naming], 1e-300))
-            units = [term.effect.params(ctx, term.place)[i].unit for i in naming]
-            short = np.abs(delta[naming]) < STEPS * float(ctx.model.opt.timestep)
-            z[short & (np.array(units) == "s")] = 0.0
             if z.max() < NAMED:
                 return False
         return True

@@ -235,9 +235,12 @@ def test_dense_logs_are_not_coarse_and_undersampled_ones_are():
     assert states(0.5, 21.0)
 
 
-def test_half_a_timestep_is_no_delay(null):
+def test_half_a_timestep_is_no_delay(null, monkeypatch):
     s, p = null
     late, dt = Term("sensor_delay", HINGE), float(p.model.opt.timestep)
-    for steps, known in ((0.5, False), (1.5, True)):
-        certain = dataclasses.replace(fitted(s, {late: [steps * dt]}), cov=np.array([[1e-12]]))
-        assert s.named(certain) is known
+    monkeypatch.setattr(s, "needed", lambda *_: True)
+    monkeypatch.setattr(s, "named", lambda *_: True)
+    old = Scored(s.nominal(), np.ones(9), np.full(9, 1.5), 0, 0)
+    for steps, loss, accepted in ((0.5, 1.0, False), (1.5, 1.0, True), (0.5, 0.6, True)):
+        new = Scored(fitted(s, {late: [steps * dt]}), np.ones(9), np.full(9, loss), 1, 1)
+        assert s.accept(new, old) is accepted
