@@ -18,7 +18,7 @@ from mpge_jax.transformer import Transformer
 
 
 class Rows(flax.struct.PyTreeNode):
-    """T * J * B transitions of the grounded simulator, the branches of a state J * B rows apart at most.
+    """T * J * B transitions of the grounded simulator, the J branches of a state B rows apart.
 
     Attributes:
       observation, action, next_observation: (s, a, s'), a the raw action of the rollout policy.
@@ -65,8 +65,8 @@ def collect(
         keys = jax.random.split(key_act, policies.action_scale.shape[0])
         offers = jax.vmap(lambda actor, k: sac.act(actor, obs, k, config.rollout))(policies, keys)
         action = offers[which, every]
-        # A branch is a copy of the whole row of simulators; the first is the one that goes on.
         expected = jax.vmap(env.predict)(obs, action) if config.needs_expected else None
+        # A branch is a copy of the whole row of simulators; the first is the one that goes on.
         before, at, asked, asker, expected = jax.tree.map(
             lambda x: jnp.broadcast_to(x, (config.branches, *x.shape)),
             (env_state, obs, action, which, expected),

@@ -7,7 +7,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Context, Samples, nominal_context
 from mpge_jax.diagnosis.effects.world import contact_geoms
-from mpge_jax.diagnosis.model import Names, is_scalar
+from mpge_jax.diagnosis.model import Names, is_scalar, moments
 from mpge_jax.diagnosis.windows import Source
 
 Array = np.ndarray
@@ -66,9 +66,12 @@ def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ..
     samples, needed, drive, acceleration = inverse_samples(model, sources)
     weight = float(np.linalg.norm(model.opt.gravity)) * base.mass
     scale = _rms(needed, 1e-6)
-    for a in range(model.nu):
-        moment = _moment(model, a)
-        scale = np.maximum(scale, 0.5 * np.abs(moment) * float(_rms(drive, 0.0)[a]) if len(drive) else 0.0)
+    if len(drive):
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        typical = _rms(drive, 0.0)
+        for a, moment in enumerate(moments(model, data)):
+            scale = np.maximum(scale, 0.5 * np.abs(moment) * float(typical[a]))
     travel = np.ptp(samples.q, axis=0) if len(samples.q) else np.ones(model.nq)
     travel_dof = np.ones(model.nv)
     for j in range(model.njnt):
@@ -94,14 +97,3 @@ def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ..
         ),
         samples=samples,
     )
-
-
-def _moment(model: mujoco.MjModel, actuator: int) -> Array:
-    """Moment arms [nv] of an actuator in the reference pose."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    out = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(
-        out, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    )
-    return out[actuator]

@@ -170,8 +170,7 @@ class Search:
     def at_noise(self, base: Fitted, white: Whitener) -> bool:
         """Whether training (under `white`) and held-out windows show nothing but noise."""
         for w in (self.train, self.held):
-            if w is self.held:
-                white = self.whiten_one(base, w)
+            white = white if w is self.train else self.whiten_one(base, w)
             x = evaluate(self.sim, [base], w, white)[0].x
             limit = SETTLED if base.hypothesis.terms else QUIET
             # a tempered whitener, or an overestimated noise, says nothing

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Array, Context, Fields, Step
+from mpge_jax.diagnosis.effects.native import field_of
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_joint_transmission
 
@@ -21,15 +22,13 @@ class ModelFields(Fields):
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
 
-    def _array(self, name: str) -> np.ndarray:
-        owner, _, attribute = name.rpartition(".")
-        return getattr(self.model.opt if owner == "opt" else self.model, attribute)
-
     def get(self, name: str, index: Any) -> Array:
-        return np.array(self._array(name)[index if isinstance(index, tuple) else (index,)], dtype=float)
+        return np.array(
+            field_of(self.model, name)[index if isinstance(index, tuple) else (index,)], dtype=float
+        )
 
     def set(self, name: str, index: Any, value: Array) -> None:
-        self._array(name)[index if isinstance(index, tuple) else (index,)] = value
+        field_of(self.model, name)[index if isinstance(index, tuple) else (index,)] = value
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,4 @@ def telling_windows(x: Array, limit: int, rng: np.random.Generator) -> tuple[Arr
 def screen_windows(x: Array, rng: np.random.Generator) -> Array:
     """Windows for screening: a third of them where the base misses most (what acts now and then must be among
     them), the others at random. x: [W] misfit of the base."""
-    count = min(SCREEN_WINDOWS, x.size)
-    worst = np.argsort(-x)[: count // 3]
-    others = rng.permutation(np.setdiff1d(np.arange(x.size), worst))
-    return np.sort(np.concatenate([worst, others[: count - worst.size]]))
+    return np.sort(telling_windows(x, SCREEN_WINDOWS, rng)[0])
