@@ -8,6 +8,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.coarse import states_as_measured
 from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.noise import column_noise
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.rotations import integrate
@@ -19,21 +20,29 @@ from mpge_jax.diagnosis.windows import Source, Windows, cut
 
 Array = np.ndarray
 SEGMENT = 0.8
+EXCESS = 0.5
+"""Relative chi^2 above the floor that counts as structure."""
 
 
 @dataclass(frozen=True)
 class Floor:
     """What a true hypothesis would leave: mean and standard error of the windows' loss, and the root-mean-square
     error relative to `verdict.noise_floor`, which takes start state and measurements for independent (they are not:
-    the state was smoothed from the same measurements)."""
+    the state was smoothed from the same measurements) and knows nothing of noise in measured forces."""
 
     loss: float = 1.0
     error: float = 0.05
     ratio: float = 1.0
 
+    def exceeded(self, losses: Array) -> bool:
+        """Whether windows with these losses [W] show more than a true hypothesis would leave."""
+        excess = float(losses.mean()) - max(self.loss, 1.0)
+        error = float(losses.std() / np.sqrt(max(losses.size, 1)))
+        return bool(excess > EXCESS and excess > 3.0 * np.hypot(error, self.error))
+
 
 def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> Floor:
-    """The floor when `f` is the truth, with the same noise and commands.
+    """The floor when `f` is the truth, with the same noise (of measured forces too) and commands.
 
     Stretches of the training recordings are simulated anew from their own states, noise is added, and they go
     through smoothing, cutting and whitening like the real ones.
@@ -42,7 +51,8 @@ def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> Floor:
     w = prepared.windows(held=False, duration=SEGMENT, limit=limit, seed=5)
     if not w.count or w.times.shape[1] < 14:
         return Floor()
-    segments = [r for r in _simulated(prepared, f, w, rng) if r.time.size >= 14]
+    shaken = force_noise(prepared)
+    segments = [r for r in _simulated(prepared, f, w, shaken, rng) if r.time.size >= 14]
     if not segments:
         return Floor()
     noise, states, _ = estimate(segments, sim.model, prepared.names)
@@ -64,10 +74,23 @@ def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> Floor:
     seen = np.isfinite(positions).any((1, 2))
     got = np.nanmean(positions[seen] ** 2, axis=(1, 2))
     ratio = float(np.sqrt(np.median(got / np.maximum(expected[seen], 1e-300)))) if seen.any() else 1.0
-    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), min(ratio, 1.0))
+    ratio = ratio if shaken.any() else min(ratio, 1.0)
+    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio)
 
 
-def _simulated(prepared: Prepared, f: Fitted, w: Windows, rng: np.random.Generator) -> list[Recording]:
+def force_noise(prepared: Prepared) -> Array:
+    """Deviation [nu] of the noise in the forces that drive the machine; 0 where commands drive it."""
+    out = np.zeros(prepared.measured.size)
+    recordings = [s.recording for s in prepared.train_sources]
+    for a in np.flatnonzero(prepared.measured):
+        level, _ = column_noise([r.time for r in recordings], [r.known("force")[:, a] for r in recordings])
+        out[a] = level if np.isfinite(level) else 0.0
+    return out
+
+
+def _simulated(
+    prepared: Prepared, f: Fitted, w: Windows, shaken: Array, rng: np.random.Generator
+) -> list[Recording]:
     m = prepared.model
     residual = prepared.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
     out = []
@@ -89,5 +112,8 @@ def _simulated(prepared: Prepared, f: Fitted, w: Windows, rng: np.random.Generat
         grid = w.start[k] + time
         source = w.sources[w.source[k]]
         ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
+        # the machine felt the force, the recording holds it with noise
+        if shaken.any():
+            ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape)
         out.append(Recording(f"calibration_{k}", time, qpos, velocity, ctrl if m.nu else np.zeros((n, 0))))
     return out

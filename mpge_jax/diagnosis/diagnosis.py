@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +27,11 @@ from mpge_jax.diagnosis.prepare import Prepared, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
 from mpge_jax.diagnosis.recording import Recording, validate
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
-from mpge_jax.diagnosis.select import Rival, Scored, Search, search
+from mpge_jax.diagnosis.search import search
+from mpge_jax.diagnosis.select import Rival, Scored, Search
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.telling import telling_windows
 from mpge_jax.diagnosis.verdict import (
-    EXCESS,
     LEFT,
     Errors,
     active_dofs,
@@ -254,7 +255,10 @@ def _build_search(p: Prepared, say: _Progress) -> Search:
     terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
     terms = [t for t in terms if _visible(p, t)]
     limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
-    return Search(p.sim, p.noise, train, held, terms, c.seed, say, max_terms=limit, typical=typical)
+    calibrated = partial(floor, p) if p.measured.any() else None
+    return Search(
+        p.sim, p.noise, train, held, terms, c.seed, say, max_terms=limit, typical=typical, floor=calibrated
+    )
 
 
 def _training_windows(p: Prepared) -> tuple[Windows, int]:
@@ -302,7 +306,7 @@ def _report(p: Prepared, f: Fitted, held: bool, noise: Floor) -> FitReport:
     before = errors(p.sim, nominal, w)
     after = errors(p.sim, f, w) if f.hypothesis.terms else before
     alone = noise.ratio * float(np.sqrt(noise_floor(p.sim, f, w, scale).mean()))
-    return FitReport(w, before, after, alone)
+    return FitReport(w, before, after, min(alone, after.rms))
 
 
 def _left(
@@ -315,18 +319,14 @@ def _left(
     corrected: bool,
 ) -> dict[str, Any] | None:
     """What the chosen effects leave, if it is more than noise. corrected: whether any effect was found."""
-    expected, spread = noise.loss, noise.error
-    losses = np.concatenate([best.train[: s.typical], best.held])
-    loss = float(losses.mean())
-    ratio_error = float(losses.std() / np.sqrt(losses.size))
-    s.log.append(f"left: loss {loss:.3f} +- {ratio_error:.3f}, floor {expected:.3f} +- {spread:.3f}")
-    excess = loss - max(expected, 1.0)
+    losses = s.typical_losses(best)
+    s.log.append(f"left: loss {losses.mean():.3f}, floor {noise.loss:.3f} +- {noise.error:.3f}")
     before, after = held.before.rms, held.after.rms
     beyond = np.sqrt(max(after**2 - held.floor**2, 0.0)) / max(
         np.sqrt(max(before**2 - held.floor**2, 0.0)), 1e-12
     )
     beyond = min(float(beyond), 1.0) if corrected else 1.0
-    significant = excess > EXCESS and excess > 3.0 * np.hypot(ratio_error, spread)
+    significant = noise.exceeded(losses)
     if not significant or beyond < LEFT:
         if significant:
             p.warnings.append(

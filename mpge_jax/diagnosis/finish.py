@@ -15,6 +15,8 @@ from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.whiten import Whitener, whitener
 
 Array = np.ndarray
+WEAKEST = 6
+"""Terms that are tried without at a time: those that the data determine worst."""
 
 
 def prune(s: Search, current: Fitted) -> Fitted:
@@ -38,10 +40,14 @@ def prune(s: Search, current: Fitted) -> Fitted:
 def _simpler(s: Search, current: Fitted) -> list[Fitted]:
     """The hypothesis without each of several terms, and with the plain form of each elaborate friction."""
     ctx = s.sim.ctx
+    strength = s.strength(current)
+    weakest = sorted(strength, key=lambda t: strength[t])[:WEAKEST]
     parts = current.hypothesis.split(ctx, current.theta)
     centres = current.hypothesis.split(ctx, current.centre)
     out = []
     for t in current.hypothesis.terms:
+        if t not in weakest:
+            continue
         h = current.hypothesis.without(t)
         if h.terms:
             out.append(Fitted(h, h.gather(ctx, parts), h.gather(ctx, centres)))

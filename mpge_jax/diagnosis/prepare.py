@@ -8,12 +8,13 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.candidates import all_terms
+from mpge_jax.diagnosis.clock import at_their_stamps
 from mpge_jax.diagnosis.coarse import bound, is_coarse, states_as_measured
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.context import build_context
 from mpge_jax.diagnosis.effects.base import Context
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.model import Names, compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.model import Names, compile_variable, is_joint_transmission, load_spec, names_of
 from mpge_jax.diagnosis.recording import Recording, rows_of
 from mpge_jax.diagnosis.simulate import Simulator
 from mpge_jax.diagnosis.split import split
@@ -92,9 +93,38 @@ def follows(model: mujoco.MjModel) -> np.ndarray:
     return moving | (model.actuator_dyntype != mujoco.mjtDyn.mjDYN_NONE)
 
 
-def _source(r: Recording, states: States, measured: np.ndarray, continuous: np.ndarray) -> Source:
+def _source(r: Recording, states: States, plain: mujoco.MjModel, measured: np.ndarray) -> Source:
     command = _command(r, measured)
-    return Source.build(r, states, command, np.where(measured & continuous, command, 0.0))
+    smooth = command - np.cumsum(servo_jumps(r, states, plain), axis=0)
+    return Source.build(r, states, command, np.where(measured & follows(plain), smooth, 0.0))
+
+
+def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> np.ndarray:
+    """[T, nu] by how much a servo's force jumps at each row as its command does.
+
+    Between rows the command is held and the force follows the motion alone, so a straight line from one measured force
+    to the next would let the servo know its next command half a row early.
+    """
+    out = np.zeros((r.time.size, plain.nu))
+    if r.ctrl is None:
+        return out
+    for a in range(plain.nu):
+        servo = plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE
+        if not servo or plain.actuator_dyntype[a] or not is_joint_transmission(plain, a):
+            continue
+        u = r.ctrl[:, a]
+        if plain.actuator_ctrllimited[a]:
+            u = np.clip(u, *plain.actuator_ctrlrange[a])
+        joint, gear = plain.actuator_trnid[a, 0], plain.actuator_gear[a, 0]
+        length = gear * states.qpos[:, plain.jnt_qposadr[joint]]
+        speed = gear * states.qvel[:, plain.jnt_dofadr[joint]]
+        constant, stiffness, damping = plain.actuator_biasprm[a, :3]
+        passive = constant + stiffness * length + damping * speed
+        low, high = plain.actuator_forcerange[a] if plain.actuator_forcelimited[a] else (-np.inf, np.inf)
+        gain = plain.actuator_gainprm[a, 0]
+        new, old = (np.clip(passive[1:] + gain * x, low, high) for x in (u[1:], u[:-1]))
+        out[1:, a] = new - old
+    return out
 
 
 def with_drives(p: Prepared, plain: mujoco.MjModel, lag: set[int], back_emf: dict[int, float]) -> Prepared:
@@ -108,7 +138,9 @@ def with_drives(p: Prepared, plain: mujoco.MjModel, lag: set[int], back_emf: dic
     continuous[list(lag)] = True
 
     def again(s: Source) -> Source:
-        smooth = np.where(p.measured & continuous, s.command, 0.0)
+        jumps = servo_jumps(s.recording, s.states, plain)
+        jumps[:, list(lag)] = 0.0
+        smooth = np.where(p.measured & continuous, s.command - np.cumsum(jumps, axis=0), 0.0)
         for a, gain in back_emf.items():
             if not continuous[a]:
                 held = gain * np.nan_to_num(s.recording.known("ctrl")[:, a])
@@ -160,10 +192,11 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     measured = measured_forces(recordings, plain)
     model = compile_variable(drive_by_force(spec, measured)) if measured.any() else plain
     train, held = _thin(train, warnings), _thin(held, warnings)
-    together = train + held
+    together, notes = at_their_stamps(train + held, plain, names)
+    warnings += notes
     noise, states, notes = estimate(together, model, names)
     warnings += notes
-    sources = tuple(_source(r, s, measured, follows(plain)) for r, s in zip(together, states, strict=True))
+    sources = tuple(_source(r, s, plain, measured) for r, s in zip(together, states, strict=True))
     train_sources, held_sources = sources[: len(train)], sources[len(train) :]
     ctx = build_context(model, names, train_sources)
     dt = choose_dt(together, float(plain.opt.timestep))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from mpge_jax.diagnosis.candidates import compatible
-from mpge_jax.diagnosis.effects.base import Place
+from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.evidence import EVIDENCE, standard_error
 from mpge_jax.diagnosis.fit import Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.select import SIGNIFICANT, TIE, Rival, Scored, Search
+from mpge_jax.diagnosis.model import is_joint_transmission
+from mpge_jax.diagnosis.select import KEEP_OF_MANY, MANY, SIGNIFICANT, TIE, Rival, Scored, Search
 from mpge_jax.diagnosis.whiten import Whitener
 
 SPECIAL_CASES = {
@@ -27,7 +28,8 @@ SPECIAL_CASES = {
 def find_rivals(
     s: Search, best: Scored, whites: tuple[Whitener, Whitener], known: list[Scored], keep: int = 6
 ) -> dict[Term, list[Rival]]:
-    """Rivals of every term, nearest first.
+    """Rivals of every term, nearest first. Beside many effects, only what acts at the same joint is weighed against
+    each: what acts elsewhere was compared while they were chosen.
 
     Args:
         best: the chosen fit, scored under `whites`. known: fits of single effects from the search, reused where
@@ -36,6 +38,9 @@ def find_rivals(
     out: dict[Term, list[Rival]] = {}
     ctx = s.sim.ctx
     terms = best.fit.hypothesis.terms
+    many = len(terms) > MANY
+    keep = KEEP_OF_MANY if many else keep
+    windows = s.sample(best.fit, whites[0]) if many else (s.train, whites[0])
     for term in terms:
         s.say(f"weighing alternatives to {term}")
         base_h = best.fit.hypothesis.without(term)
@@ -43,10 +48,12 @@ def find_rivals(
         base = Fitted(base_h, base_h.gather(ctx, parts), base_h.gather(ctx, parts))
         # Screened anew: the search drops what looks like a better one of its group, as a rival does.
         candidates = [t for t in s.terms if t != term and compatible(base_h, t)]
+        if many:
+            candidates = [t for t in candidates if _joints(ctx, t.place) & _joints(ctx, term.place)]
         screened = s.screened(base, whites[0], candidates)
         fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
         pool = [fitted.get(r.hypothesis, r) for r in screened[:keep]]
-        fits = fit(s.sim, pool, s.train, whites[0], iterations=4)
+        fits = fit(s.sim, pool, *windows, iterations=2 if many else 4)
         rivals = []
         for r in s.score(fits, whites):
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
@@ -54,6 +61,20 @@ def find_rivals(
                 rivals.append(_compare(s, best, term, r, other))
         out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
+
+
+def _joints(ctx: Context, place: Place) -> set[int]:
+    """Joints at which something at `place` acts first: all for the world, none where a body has no joint."""
+    m = ctx.model
+    if place.kind == "joint":
+        return {place.index}
+    if place.kind == "actuator":
+        return {int(m.actuator_trnid[place.index, 0])} if is_joint_transmission(m, place.index) else set()
+    if place.kind == "world":
+        return set(range(m.njnt))
+    body = int(m.geom_bodyid[place.index]) if place.kind == "geom" else place.index
+    first = int(m.body_jntadr[body])
+    return set(range(first, first + int(m.body_jntnum[body])))
 
 
 def better_rival(rivals: dict[Term, list[Rival]]) -> Rival | None:

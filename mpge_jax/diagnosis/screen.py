@@ -48,14 +48,24 @@ def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: W
     elaborate = [t for t in terms if t.id in ELABORATE]
     found = _quick_fits(sim, base, [t for t in terms if t.id not in ELABORATE], w, white, own, before)
     plain: dict[Place, float] = {}
+    dry: dict[Place, float] = {}
     for f in found:
-        for t in f.hypothesis.terms:
+        for t, theta in f.hypothesis.split(sim.ctx, f.theta).items():
             if t.id in PLAIN and t not in base.hypothesis.terms:
                 plain[t.place] = min(plain.get(t.place, np.inf), f.loss)
+                if t.id == "coulomb_friction":
+                    dry[t.place] = float(theta[0])
     limit = before - PROMISING * min(before, 3.0)
     places = [q for q in sorted(plain, key=lambda q: plain[q]) if plain[q] < limit][:PLACES]
     found += _quick_fits(
-        sim, base, [t for t in elaborate if t.place in places or t.place not in plain], w, white, own, before
+        sim,
+        base,
+        [t for t in elaborate if t.place in places or t.place not in plain],
+        w,
+        white,
+        own,
+        before,
+        dry,
     )
     return sorted(found, key=lambda f: f.loss)
 
@@ -68,10 +78,15 @@ def _quick_fits(
     white: Whitener,
     own: dict[Term, Array],
     before: float,
+    dry: dict[Place, float] | None = None,
 ) -> list[Fitted]:
-    """The best quick fit of each term. own: the base's Jacobian. before: the base's loss."""
+    """The best quick fit of each term.
+
+    Args:
+        own: the base's Jacobian. before: the base's loss. dry: torque of plain dry friction by joint.
+    """
     ctx = sim.ctx
-    problems = _starting_points(sim, base, terms, w, white, before)
+    problems = _starting_points(sim, base, terms, w, white, before, dry or {})
     runs: list[Run] = []
     for term, p in problems:
         part = _slice(ctx, p.fit.hypothesis, term)
@@ -123,16 +138,25 @@ def _slice(ctx: Context, hypothesis: Hypothesis, term: Term) -> slice:
 
 
 def _starting_points(
-    sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: Whitener, before: float
+    sim: Simulator,
+    base: Fitted,
+    terms: list[Term],
+    w: Windows,
+    white: Whitener,
+    before: float,
+    dry: dict[Place, float],
 ) -> list[tuple[Term, _Problem]]:
-    """Every start of every term, simulated; a start that is worse than nothing, as its scale was guessed too large,
-    gives way to one nearer to where the effect vanishes if that is better."""
+    """Every start of every term, simulated, at the torque of plain dry friction (`dry`) if that is known.
+
+    A start that is worse than nothing, as its scale was guessed too large, gives way to one nearer to where the
+    effect vanishes if that is better.
+    """
     ctx = sim.ctx
     parts = base.hypothesis.split(ctx, base.theta)
     problems: list[tuple[Term, _Problem]] = []
     for term in terms:
         hypothesis = base.hypothesis.with_term(term)
-        for start in term.effect.starts(ctx, term.place):
+        for start in _at_torque(term.effect.starts(ctx, term.place), term, ctx, dry.get(term.place, 0.0)):
             theta = hypothesis.gather(ctx, {**parts, term: start})
             problems.append((term, _Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
     _simulate([p for _, p in problems], sim, w, white)
@@ -150,6 +174,14 @@ def _starting_points(
         if q.fit.loss < p.fit.loss:
             p.fit, p.whitened = q.fit, q.whitened
     return problems
+
+
+def _at_torque(starts: Array, term: Term, ctx: Context, dry: float) -> Array:
+    """Starts [k, p] of a friction law with its torques as large as plain dry friction, of which it is a variant."""
+    torque = np.array([p.unit in ("N m", "N") for p in term.params(ctx)])
+    if dry <= 0.0 or not torque.any():
+        return starts
+    return np.where(torque, starts * dry / term.params(ctx)[0].scale, starts)
 
 
 def _simulate(problems: list[_Problem], sim: Simulator, w: Windows, white: Whitener) -> None:

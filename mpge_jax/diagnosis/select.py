@@ -1,4 +1,4 @@
-"""Choose the effects: screening, proper fits, held-out comparison with parsimony, additions."""
+"""The decisions of a search: which candidates are fitted, which is chosen, and whether it is needed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from mpge_jax.diagnosis.calibrate import Floor
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.evidence import EVIDENCE, deviations, standard_error, strong
 from mpge_jax.diagnosis.fit import Fitted, evaluate, fit
@@ -21,10 +22,11 @@ from mpge_jax.diagnosis.windows import Windows
 Array = np.ndarray
 KEEP = 7
 """Candidates that are fitted properly after screening."""
+MANY, KEEP_OF_MANY = 5, 3
+"""Terms beyond which a further one competes with fewer others: the cost of a fit grows with the square of the terms,
+and little is left for them to explain."""
 HOPELESS = 0.06
 """Share of the loss that a second effect must take away in screening to be looked at further."""
-FAR = 2.5
-"""Loss above which the second effect is looked for beside several first ones."""
 TIE = 0.03
 """Differences of relative loss below this are ties, whatever their standard error."""
 SIGNIFICANT = 3.0
@@ -88,6 +90,8 @@ class Search:
         train, held: windows. terms: candidates. say: progress callback. keep: called with every accepted fit,
         so that an interrupted search can go on. resume: where to go on. typical: how many of the training windows,
         the first ones, were drawn at random; the others were chosen because the nominal model misses most there.
+        floor: what a hypothesis would leave if it were true, by simulation; needed where noise enters otherwise than
+        through start and measurements (measured forces).
     """
 
     sim: Simulator
@@ -102,6 +106,7 @@ class Search:
     keep: Callable[[Fitted], None] = lambda _fit: None
     resume: Fitted | None = None
     typical: int | None = None
+    floor: Callable[[Fitted], Floor] | None = None
 
     def nominal(self) -> Fitted:
         return Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
@@ -150,15 +155,17 @@ class Search:
             not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)
         ):
             return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
-        fits = fit(self.sim, _with_simpler(screened, keep), *sample, iterations=4)
+        many = len(base.hypothesis.terms) > MANY
+        keep = KEEP_OF_MANY if many else keep
+        fits = fit(self.sim, with_simpler(screened, keep), *sample, iterations=4)
         fits.sort(key=lambda f: f.loss)
         winner = None
-        for _ in range(2):
+        for _ in range(1 if many else 2):
             if not fits or fits[0].hypothesis == winner:
                 break
             winner = fits[0].hypothesis
             white = self.whiten_one(fits[0], self.train)
-            fits = fit(self.sim, _with_simpler(fits, keep - 2), self.train, white, iterations=4)
+            fits = fit(self.sim, with_simpler(fits, max(keep - 2, 2)), self.train, white, iterations=4)
             fits.sort(key=lambda f: f.loss)
         if not fits:
             return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
@@ -175,12 +182,23 @@ class Search:
             limit = SETTLED if base.hypothesis.terms else QUIET
             # a tempered whitener, or an overestimated noise, says nothing
             if white.factor != 1.0 or np.median(x) < 0.5 or robust_loss(x).mean() > limit:
-                return False
+                return self._at_floor(base)
         return True
+
+    def _at_floor(self, base: Fitted) -> bool:
+        """Whether `base`, which has effects, leaves no more than it would if it were true."""
+        if self.floor is None or not base.hypothesis.terms:
+            return False
+        losses = self.typical_losses(self.score([base], self.whiten(base, temper=False))[0])
+        return not self.floor(base).exceeded(losses)
+
+    def typical_losses(self, scored: Scored) -> Array:
+        """Losses of the windows that were drawn at random."""
+        return np.concatenate([scored.train[: self.typical], scored.held])
 
     def freed(self, base: Fitted, fits: list[Fitted], white: Whitener) -> Fitted:
         """`base`, or a better fit of its own terms to which a further term led out of a local minimum."""
-        if not base.theta.size:
+        if not base.theta.size or len(base.hypothesis.terms) > MANY:
             return base
         ctx, terms = self.sim.ctx, base.hypothesis.terms
         starts = [base]
@@ -240,23 +258,23 @@ class Search:
 
     def named(self, f: Fitted, without: Hypothesis = Hypothesis()) -> bool:  # noqa: B008
         """Whether every added term has a naming parameter that differs clearly from its null value."""
-        ctx = self.sim.ctx
+        return all(z >= NAMED for term, z in self.strength(f).items() if term not in without.terms)
+
+    def strength(self, f: Fitted) -> dict[Term, float]:
+        """By how many deviations the best naming parameter of each term differs from its null value."""
+        ctx, out = self.sim.ctx, {}
         for term, part in zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True):
-            if term in without.terms:
-                continue
             naming = term.effect.naming(ctx, term.place)
             if not naming or not f.cov.size:
+                out[term] = np.inf
                 continue
-            null = term.effect.null(ctx, term.place)
-            cov = f.cov[part, part]
-            delta = f.theta[part] - null
-            z = np.abs(delta[naming]) / np.sqrt(np.maximum(np.diag(cov)[naming], 1e-300))
-            if z.max() < NAMED:
-                return False
-        return True
+            delta = np.abs(f.theta[part] - term.effect.null(ctx, term.place))[naming]
+            deviation = np.sqrt(np.maximum(np.diag(f.cov)[part][naming], 1e-300))
+            out[term] = float((delta / deviation).max())
+        return out
 
 
-def _with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
+def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
     """The best `keep`, and the plain form of every elaborate friction among them."""
     top = screened[:keep]
     chosen = {f.hypothesis for f in top}
@@ -274,88 +292,3 @@ def clearly_worse(a: Scored, best: Scored) -> bool:
     """Whether `a` loses to the best by more than two standard errors (paired by window) and more than a tie."""
     d = a.losses - best.losses
     return bool(d.mean() > max(2.0 * standard_error(d), TIE))
-
-
-def search(s: Search) -> tuple[Fitted, list[Scored]]:
-    """Forward selection with a small beam in the first two rounds; returns the fit and the last round's field."""
-    current = s.resume or s.nominal()
-    last: list[Scored] = []
-    first_round: list[Scored] = []
-    while len(current.hypothesis.terms) < s.max_terms:
-        depth = len(current.hypothesis.terms)
-        s.say(f"looking for effect {depth + 1}")
-        ranked, base = s.compete(current, s.terms)
-        current = base.fit
-        if not ranked:
-            break
-        chosen = s.choose(ranked, current.hypothesis)
-        s.log.append(
-            f"round {depth + 1}: base {base.losses.mean():.3f}; "
-            + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:6])
-            + f" -> {chosen.fit.hypothesis}"
-        )
-        if not s.accept(chosen, base):
-            # where windows scatter widely, the simplest of those that tie may be one that explains nothing
-            chosen = next((r for r in ranked if s.named(r.fit, current.hypothesis)), chosen)
-            if not s.accept(chosen, base):
-                last = last or ranked
-                break
-        last = ranked
-        if depth == 0:
-            first_round = ranked
-            alternatives = _beam(ranked, chosen)
-            if chosen.losses.mean() > FAR and len(alternatives) > 1:
-                current, last = _second_round(s, chosen, alternatives)
-                s.keep(current)
-                continue
-        current = chosen.fit
-        s.keep(current)
-    return current, last or first_round
-
-
-def _beam(ranked: list[Scored], chosen: Scored, width: int = 3) -> list[Scored]:
-    """The chosen fit and the best ones of another kind or at another place."""
-
-    def kind(s: Scored) -> tuple[str, object]:
-        term = s.fit.hypothesis.terms[-1]
-        return ("friction" if "friction" in term.id or "damping" in term.id else term.id, term.place)
-
-    out, kinds = [chosen], {kind(chosen)}
-    for r in ranked:
-        # a first effect that explains next to nothing is no start for a pair
-        if kind(r) not in kinds and len(out) < width and r.losses.mean() < 3.0 * chosen.losses.mean():
-            out.append(r)
-            kinds.add(kind(r))
-    return out
-
-
-def _second_round(s: Search, chosen: Scored, beam: list[Scored]) -> tuple[Fitted, list[Scored]]:
-    """Second effects on top of each of the best first ones; the best pair if a pair is needed, else the first."""
-    pairs: dict[Hypothesis, Fitted] = {}
-    for b in beam:
-        s.say(f"looking for effect 2 beside {b.fit.hypothesis}")
-        white = s.whiten(b.fit)[0]
-        screened = s.screened(b.fit, white, [t for t in s.terms if compatible(b.fit.hypothesis, t)])
-        for f in _with_simpler(screened, 4):
-            old = pairs.get(f.hypothesis)
-            if old is None or f.loss < old.loss:
-                pairs[f.hypothesis] = f
-    if not pairs:
-        return chosen.fit, [chosen]
-    fits = sorted(pairs.values(), key=lambda f: f.loss)[:8]
-    # under one whitening, so that pairs can be compared
-    whites = s.whiten(fits[0])
-    fits = sorted(fit(s.sim, fits, s.train, whites[0], iterations=4), key=lambda f: f.loss)[:5]
-    whites = s.whiten(fits[0])
-    fits = fit(s.sim, fits, s.train, whites[0], iterations=4)
-    scored = s.score([*fits, chosen.fit], whites)
-    ranked = sorted(scored[:-1], key=lambda r: r.losses.mean())
-    winner = s.choose(ranked)
-    s.log.append(
-        f"pairs: single {scored[-1].losses.mean():.3f}; "
-        + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:5])
-        + f" -> {winner.fit.hypothesis}"
-    )
-    if not s.accept(winner, scored[-1]):
-        return chosen.fit, [chosen]
-    return winner.fit, ranked

@@ -16,6 +16,9 @@ Array = np.ndarray
 SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR = 1e-6, 1e-5
 UNKNOWN_VELOCITY = 1.0
 """Deviation (m/s or rad/s) of a velocity of which nothing was measured."""
+EQUAL, EXACT = 1e-3, 3e-3
+"""Velocities within this share of the positions' slope are computed from it; those whose noise is a smaller share of
+their spread are exact, wherever they come from."""
 MAX_ROWS = 60_000
 """Most rows smoothed over all recordings; longer logs are read in stretches."""
 
@@ -95,6 +98,15 @@ def estimate(
     qvel_noise = np.maximum(qvel_noise, SIGMA_VELOCITY_FLOOR)
     dofs = _dof_of_column(model)
     untrusted = _check_velocities(recordings, model, dofs, qpos_noise, qvel_noise)
+    derived = _differences(recordings, dofs, qvel_noise)
+    if derived:
+        joints = sorted({names.joint_of_dof(model, d) for d in derived})
+        warnings.append(
+            f"recorded velocities of {', '.join(joints)} are the differences of the recorded positions: they say "
+            "nothing more, and are not used."
+        )
+        qvel_noise[derived] = np.inf
+    untrusted = [d for d in untrusted if d not in derived]
     if untrusted:
         joints = sorted({names.joint_of_dof(model, d) for d in untrusted})
         warnings.append(
@@ -142,6 +154,27 @@ def _check_velocities(
         if np.median(ratio) > 4.0:
             bad.append(dof)
     return bad
+
+
+def _differences(recordings: list[Recording], dofs: dict[int, int], qvel_noise: Array) -> list[int]:
+    """Degrees of freedom whose noisy velocities somebody computed from the positions of neighbouring rows."""
+    found = []
+    for column, dof in dofs.items():
+        equal, noisy = [], []
+        for r in recordings:
+            if r.qvel is None or np.isnan(r.qpos[:, column]).any() or np.isnan(r.qvel[:, dof]).any():
+                continue
+            slope, v = np.diff(r.qpos[:, column]) / np.diff(r.time), r.qvel[:, dof]
+            moves = np.abs(slope) > 0
+            if moves.sum() < MIN_ROWS:
+                continue
+            errors = [np.abs(v[rows][moves] - slope[moves]) for rows in (slice(1, None), slice(None, -1))]
+            equal.append(max(np.mean(e < EQUAL * np.abs(slope[moves])) for e in errors))
+            noisy.append(qvel_noise[dof] > EXACT * v.std())
+        # velocities of an engine that steps semi-implicitly are differences as well, but exact
+        if equal and min(equal) > 0.9 and np.median(noisy) > 0.5:
+            found.append(dof)
+    return found
 
 
 def _smooth_all(
@@ -201,21 +234,31 @@ def _rotations(recording: Recording, states: States, model: mujoco.MjModel, nois
             continue
         states.cov[:, v : v + 3, 0, 0] = noise.angle(q) ** 2
         measured = recording.qvel is not None and not np.isnan(recording.qvel[:, v]).all()
-        if measured and np.isfinite(noise.qvel[v : v + 3]).all():
+        known = measured and bool(np.isfinite(noise.qvel[v : v + 3]).all())
+        if known:
             states.cov[:, v : v + 3, 1, 1] = noise.qvel[v : v + 3] ** 2
-            continue
         if recording.time.size < 4:
             continue
-        parts = smooth(
-            [Series(recording.time, quat[:, k], None, float(noise.qpos[q + k]), 1.0) for k in range(4)]
-        )
-        mean = np.stack([p.mean[:, 0] for p in parts], 1)
-        mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-        rate = np.stack([p.mean[:, 1] for p in parts], 1)
-        w, x = mean[:, :1], mean[:, 1:]
-        dw, dx = rate[:, :1], rate[:, 1:]
-        # omega = 2 * vector part of conj(quat) * dquat/dt
-        omega = 2 * (w * dx - dw * x - np.cross(x, dx))
+        mean, omega, variance = _turning(recording.time, quat, noise.qpos[q : q + 4])
+        weight = np.zeros_like(omega)
+        if known:
+            # two independent readings of one velocity
+            weight = variance / (variance + noise.qvel[v : v + 3] ** 2)
+            variance = weight * noise.qvel[v : v + 3] ** 2
+            omega = omega + weight * (recording.known("qvel")[:, v : v + 3] - omega)
         states.qpos[:, q : q + 4] = mean
         states.qvel[:, v : v + 3] = omega
-        states.cov[:, v : v + 3, 1, 1] = 4 / 3 * np.sum([p.cov[:, 1, 1] for p in parts], axis=0)[:, None]
+        states.cov[:, v : v + 3, 1, 1] = variance
+
+
+def _turning(time: Array, quat: Array, sigma: Array) -> tuple[Array, Array, Array]:
+    """Smoothed orientations [T, 4], angular velocities in the body's frame [T, 3], and the variance of those [T, 1]."""
+    parts = smooth([Series(time, quat[:, k], None, float(sigma[k]), 1.0) for k in range(4)])
+    mean = np.stack([p.mean[:, 0] for p in parts], 1)
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    rate = np.stack([p.mean[:, 1] for p in parts], 1)
+    w, x = mean[:, :1], mean[:, 1:]
+    dw, dx = rate[:, :1], rate[:, 1:]
+    # omega = 2 * vector part of conj(quat) * dquat/dt
+    omega = 2 * (w * dx - dw * x - np.cross(x, dx))
+    return mean, omega, 4 / 3 * np.sum([p.cov[:, 1, 1] for p in parts], axis=0)[:, None]

@@ -14,8 +14,6 @@ from mpge_jax.diagnosis.whiten import Whitener
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
-EXCESS = 0.5
-"""Relative chi^2 above the floor that counts as structure."""
 LEFT = 0.1
 """Share of the nominal model's error (rms beyond noise) that counts as structure."""
 

@@ -25,7 +25,8 @@ from mpge_jax.diagnosis.prepare import prepare, with_drives
 from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
 from mpge_jax.diagnosis.screen import ELABORATE, screen
-from mpge_jax.diagnosis.select import Scored, search
+from mpge_jax.diagnosis.search import search
+from mpge_jax.diagnosis.select import Scored
 from mpge_jax.diagnosis.states import estimate
 from mpge_jax.diagnosis.telling import telling_windows
 

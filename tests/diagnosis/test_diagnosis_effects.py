@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.model import compile_variable
 from mpge_jax.diagnosis.stepping import Machine
 
 VALUES = {
-    "viscous_damping": [0.08], "coulomb_friction": [0.05], "stribeck_friction": [0.03, 0.07, 0.4],
+    "viscous_damping": [0.08], "coulomb_friction": [0.05], "stribeck_friction": [0.03, 0.04, 0.4],
     "load_dependent_friction": [0.02, 0.1], "asymmetric_friction": [0.03, 0.06, 0.02, 0.05],
     "quadratic_drag": [0.05], "joint_stiffness": [0.6, 0.1], "cogging_torque": [0.05, 0.03, 7.0],
     "backlash": [0.05], "joint_flexibility": [30.0, 0.05], "armature": [0.01], "actuator_gain": [0.7],

@@ -58,14 +58,16 @@ SERVO = """<mujoco><option timestep="0.002"/><worldbody><body name="arm"><joint 
 
 def test_a_servos_force_is_no_staircase_where_measurements_are_the_states(monkeypatch):
     model = mujoco.MjModel.from_xml_string(SERVO)
-    recordings = []
+    recordings, felt = [], []
     for k in range(3):
         data, rows, time = mujoco.MjData(model), [], 0.02 * np.arange(120)
         for t in time:
             data.ctrl[:] = np.sin(3.0 * t + k)
             mujoco.mj_forward(model, data)
             rows.append([data.qpos[0], data.qvel[0], data.ctrl[0], data.actuator_force[0]])
-            mujoco.mj_step(model, data, 10)
+            for _ in range(10):
+                mujoco.mj_step(model, data)
+                felt.append(float(data.actuator_force[0]))
         q, v, u, f = np.array(rows).T[..., None]
         recordings.append(Recording(f"run_{k}", time, q, v, u, f))
     monkeypatch.setattr(preparation, "is_coarse", lambda *_: True)
@@ -73,9 +75,11 @@ def test_a_servos_force_is_no_staircase_where_measurements_are_the_states(monkey
     source = _prepared(SERVO, recordings).train_sources[0]
     force = source.recording.force
     np.testing.assert_array_equal(source.states.qpos, source.recording.qpos)
-    np.testing.assert_allclose(
-        np.diff(source.integral, axis=0), 0.02 * 0.5 * (force[:-1] + force[1:]), atol=1e-9
-    )
+    # of the first recording, which is not held out; the last row lasts for no time
+    actual = 0.02 * np.mean(np.reshape(felt, (3, 120, 10))[0, :-1], axis=1)
+    straight = 0.02 * 0.5 * (force[:-1, 0] + force[1:, 0])
+    error, error_of_line = (np.abs(x - actual).max() for x in (np.diff(source.integral[:, 0]), straight))
+    assert error < 0.2 * error_of_line
 
 
 def test_reclipped_bias_over_a_timeline_equals_its_steps():

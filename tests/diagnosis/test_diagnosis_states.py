@@ -1,12 +1,18 @@
 """Noise levels, smoothing and whitening against known answers."""
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from machines import PENDULUM
 
+from mpge_jax.diagnosis import Recording
+from mpge_jax.diagnosis.clock import early
+from mpge_jax.diagnosis.model import names_of
 from mpge_jax.diagnosis.noise import difference_noise, noise_level, quantum
 from mpge_jax.diagnosis.smooth import Series, smooth
+from mpge_jax.diagnosis.states import estimate
 
 
 def test_divided_differences_cancel_polynomials_on_uneven_times():
@@ -43,3 +49,45 @@ def test_smoother_recovers_velocity_with_honest_uncertainty():
     assert np.sqrt(np.mean(error**2)) < 0.06
     assert 0.3 < np.mean((error / deviation) ** 2) < 3.0
     assert np.sqrt(np.mean((s.mean[:, 0] - np.sin(4 * t)) ** 2)) < 1e-3
+
+
+def _swing(t):
+    return np.sin(4 * t) + 0.2 * np.sin(9 * t)
+
+
+def test_readings_taken_before_a_hiccup_of_the_clock_are_moved_on_to_their_stamps():
+    rng = np.random.default_rng(0)
+    step = np.full(600, 0.002)
+    late = rng.choice(np.arange(10, 590), 40, replace=False)
+    step[late] = 0.0055
+    stamp = np.cumsum(step)
+    read = stamp.copy()
+    read[late[:25]] = stamp[late[:25] - 1] + 0.002
+    position = _swing(read) + 1e-4 * rng.standard_normal(600)
+    rows, moved = early(stamp, position, 1e-4)
+    assert set(rows) <= set(late[:25])
+    assert len(rows) >= 18  # near the turning points it makes no difference
+    np.testing.assert_allclose(position[rows] + moved, _swing(stamp[rows]), atol=1e-3)
+    rows, _ = early(stamp, _swing(stamp) + 1e-4 * rng.standard_normal(600), 1e-4)
+    assert rows.size == 0
+
+
+def test_an_impact_beside_a_hiccup_is_no_early_reading():
+    t = np.cumsum(np.where(np.arange(200) % 20 == 7, 0.015, 0.01))
+    assert early(t, np.abs(np.sin(5 * t)), 1e-5)[0].size == 0
+
+
+@pytest.mark.parametrize(
+    ("derived", "noise", "used"), [(True, 1e-4, False), (True, 0.0, True), (False, 1e-4, True)]
+)
+def test_velocities_computed_from_the_positions_are_not_used_twice(derived, noise, used):
+    rng = np.random.default_rng(0)
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    t = 0.002 * np.arange(500)
+    q = (_swing(t) + noise * rng.standard_normal(500))[:, None]
+    v = 4 * np.cos(4 * t) + 1.8 * np.cos(9 * t) + 0.05 * rng.standard_normal(500)
+    if derived:
+        v = np.r_[0.0, np.diff(q[:, 0]) / 0.002]
+    estimated, _, warnings = estimate([Recording("r", t, q, v[:, None], None)], model, names_of(model))
+    assert np.isfinite(estimated.qvel[0]) == used
+    assert any("differences" in w for w in warnings) != used

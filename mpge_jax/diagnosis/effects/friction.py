@@ -92,13 +92,25 @@ class StribeckFriction(_Dry):
         unit = joint_unit(ctx, place, "rad/s", "m/s")
         return (
             _torque(ctx, place, "coulomb"),
-            _torque(ctx, place, "static"),
+            _torque(ctx, place, "rise"),
             Param("velocity", unit, 0.005 * v, 3 * v, 0.1 * v, prior=0.15 * v),
         )
 
+    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
+        coulomb, rise, velocity = (theta[..., i] for i in range(3))
+        return {"coulomb": coulomb, "static": coulomb + rise, "velocity": velocity}
+
+    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
+        coulomb, static, velocity = (float(values[k]) for k in ("coulomb", "static", "velocity"))
+        return np.array([coulomb, static - coulomb, velocity])
+
+    def units(self, ctx: Context, place: Place) -> dict[str, str]:
+        coulomb, rise, velocity = (p.unit for p in self.params(ctx, place))
+        return {"coulomb": coulomb, "static": rise, "velocity": velocity}
+
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         c, s, v = self.params(ctx, place)
-        return np.array([[0.7 * c.scale, 1.5 * s.scale, k * v.scale] for k in (0.4, 1.2, 4.0)])
+        return np.array([[0.7 * c.scale, 0.8 * s.scale, k * v.scale] for k in (0.4, 1.2, 4.0)])
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return [1]
@@ -107,8 +119,7 @@ class StribeckFriction(_Dry):
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
         ratio = s.v[..., ctx.dof(place)] / theta[..., 2]
-        level = theta[..., 0] + (theta[..., 1] - theta[..., 0]) * xp.exp(-xp.minimum(ratio**2, 50.0))
-        return Forces(dry=xp.maximum(level, 0.0)), memory
+        return Forces(dry=theta[..., 0] + theta[..., 1] * xp.exp(-xp.minimum(ratio**2, 50.0))), memory
 
 
 @register

@@ -118,7 +118,12 @@ class _Contact(Effect):
     pair_columns = 1
 
     def places(self, ctx: Context) -> list[Place]:
-        return super().places(ctx) if ctx.contacts else []
+        """The whole world and every geom that touches, but for the only thing that stands still: what it touches is
+        all that the world touches."""
+        if not ctx.contacts:
+            return []
+        still = [g for g in ctx.contacts if ctx.model.geom_bodyid[g] == 0]
+        return [p for p in super().places(ctx) if p.kind == "world" or still != [p.index]]
 
     def null(self, ctx: Context, place: Place) -> np.ndarray:
         values = getattr(ctx.model, self.fields[0])[:, 0]

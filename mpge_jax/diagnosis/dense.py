@@ -1,0 +1,87 @@
+"""Machines that lack something in every joint: friction, damping and rotor inertia everywhere at once, then fewer.
+
+A forward search adds one effect at a time, so that on an arm of many joints the first ones stand for what is missing
+elsewhere (a delay for friction and rotor inertia behind a servo). Where the search has found several effects and the
+rest is still more than noise, the opposite direction is tried: all of the plain effects of joints, fitted together, and
+those that the data do not show taken away.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mpge_jax.diagnosis.candidates import compatible
+from mpge_jax.diagnosis.fit import Fitted, fit
+from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.screen import ELABORATE
+from mpge_jax.diagnosis.select import NAMED, Search, clearly_worse
+
+PLAIN = ("coulomb_friction", "armature", "viscous_damping")
+AFTER = 3
+"""Effects that the forward search has found before the other direction is tried."""
+HALF = 0.5
+"""Share of the loss that may remain: what is missing everywhere explains most of what is left."""
+PASSES = 3
+"""Fits under the hypothesis's own whitening, with terms taken away after each."""
+
+
+def everywhere(s: Search, current: Fitted) -> Fitted:
+    """`current`, or a hypothesis with plain effects in every joint that predicts held-out windows clearly better."""
+    if s.at_noise(current, s.whiten_one(current, s.train)):
+        return current
+    starts = [f for keep in (False, True) if (f := _with_all(s, current, keep)) is not None]
+    if not starts:
+        return current
+    s.say("trying friction, damping and rotor inertia in every joint")
+    white = s.whiten_one(current, s.train)
+    fits = fit(s.sim, starts, s.train, white, iterations=8)
+    for _ in range(PASSES):
+        fits = [f for f in (_without_weak(s, f) for f in fits) if f.hypothesis.terms]
+        if not fits:
+            return current
+        white = s.whiten_one(min(fits, key=lambda f: f.loss), s.train)
+        fits = fit(s.sim, fits, s.train, white, iterations=5)
+    whites = s.whiten(min(fits, key=lambda f: f.loss))
+    old = fit(s.sim, [current], s.train, whites[0], iterations=4)[0]
+    *scored, before = s.score([*fits, old], whites)
+    best = min(scored, key=lambda r: r.losses.mean())
+    chosen = min((r for r in scored if not clearly_worse(r, best)), key=lambda r: r.complexity)
+    s.log.append(
+        f"everywhere: base {before.losses.mean():.3f}; "
+        + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in scored)
+    )
+    better = chosen.losses.mean() < HALF * before.losses.mean()
+    return chosen.fit if better and s.needed(chosen, before) else current
+
+
+def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
+    """`current` with every plain effect of joints added; unless `keep`, without its effects of timing and its elaborate
+    laws of friction, for which plain effects may have been mistaken. None where that adds or keeps nothing."""
+    ctx = s.sim.ctx
+    parts = dict(current.hypothesis.split(ctx, current.theta))
+    doubtful = {t for t in parts if t.id in ELABORATE or any(p.unit == "s" for p in t.params(ctx))}
+    if keep and not doubtful:
+        return None
+    hypothesis = Hypothesis.of(*(t for t in parts if keep or t not in doubtful))
+    known = len(hypothesis.terms)
+    for term in s.terms:
+        if term.id in PLAIN and term.place.kind == "joint" and compatible(hypothesis, term):
+            hypothesis = hypothesis.with_term(term)
+            parts[term] = np.asarray(term.effect.starts(ctx, term.place))[0]
+    if len(hypothesis.terms) == known:
+        return None
+    theta = hypothesis.gather(ctx, parts)
+    return Fitted(hypothesis, theta, theta.copy())
+
+
+def _without_weak(s: Search, f: Fitted) -> Fitted:
+    """`f` less the weaker half of the terms whose naming parameters the data do not tell from null (what one of two
+    like effects explains, the other must be free to take over)."""
+    size = s.strength(f)
+    weak = sorted((t for t in size if size[t] < NAMED), key=lambda t: size[t])
+    gone = set(weak[: (len(weak) + 1) // 2])
+    if not gone:
+        return f
+    h = Hypothesis.of(*(t for t in f.hypothesis.terms if t not in gone))
+    parts, centres = (f.hypothesis.split(s.sim.ctx, x) for x in (f.theta, f.centre))
+    return Fitted(h, h.gather(s.sim.ctx, parts), h.gather(s.sim.ctx, centres))

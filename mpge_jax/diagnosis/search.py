@@ -1,0 +1,99 @@
+"""Choose the effects: forward, one at a time, with a small beam at first and a look at all joints at once."""
+
+from __future__ import annotations
+
+from mpge_jax.diagnosis.candidates import compatible
+from mpge_jax.diagnosis.dense import AFTER, everywhere
+from mpge_jax.diagnosis.fit import Fitted, fit
+from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.select import Scored, Search, with_simpler
+
+FAR = 2.5
+"""Loss above which the second effect is looked for beside several first ones."""
+
+
+def search(s: Search) -> tuple[Fitted, list[Scored]]:
+    """Forward selection with a small beam in the first two rounds; returns the fit and the last round's field."""
+    current = s.resume or s.nominal()
+    last: list[Scored] = []
+    first_round: list[Scored] = []
+    while len(current.hypothesis.terms) < s.max_terms:
+        depth = len(current.hypothesis.terms)
+        s.say(f"looking for effect {depth + 1}")
+        ranked, base = s.compete(current, s.terms)
+        current = base.fit
+        if not ranked:
+            break
+        chosen = s.choose(ranked, current.hypothesis)
+        s.log.append(
+            f"round {depth + 1}: base {base.losses.mean():.3f}; "
+            + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:6])
+            + f" -> {chosen.fit.hypothesis}"
+        )
+        if not s.accept(chosen, base):
+            # where windows scatter widely, the simplest of those that tie may be one that explains nothing
+            chosen = next((r for r in ranked if s.named(r.fit, current.hypothesis)), chosen)
+            if not s.accept(chosen, base):
+                last = last or ranked
+                break
+        last = ranked
+        if depth == 0:
+            first_round = ranked
+            alternatives = _beam(ranked, chosen)
+            if chosen.losses.mean() > FAR and len(alternatives) > 1:
+                current, last = _second_round(s, chosen, alternatives)
+                s.keep(current)
+                continue
+        current = chosen.fit
+        if depth + 1 == AFTER:
+            current = everywhere(s, current)
+        s.keep(current)
+    return current, last or first_round
+
+
+def _beam(ranked: list[Scored], chosen: Scored, width: int = 3) -> list[Scored]:
+    """The chosen fit and the best ones of another kind or at another place."""
+
+    def kind(s: Scored) -> tuple[str, object]:
+        term = s.fit.hypothesis.terms[-1]
+        return ("friction" if "friction" in term.id or "damping" in term.id else term.id, term.place)
+
+    out, kinds = [chosen], {kind(chosen)}
+    for r in ranked:
+        # a first effect that explains next to nothing is no start for a pair
+        if kind(r) not in kinds and len(out) < width and r.losses.mean() < 3.0 * chosen.losses.mean():
+            out.append(r)
+            kinds.add(kind(r))
+    return out
+
+
+def _second_round(s: Search, chosen: Scored, beam: list[Scored]) -> tuple[Fitted, list[Scored]]:
+    """Second effects on top of each of the best first ones; the best pair if a pair is needed, else the first."""
+    pairs: dict[Hypothesis, Fitted] = {}
+    for b in beam:
+        s.say(f"looking for effect 2 beside {b.fit.hypothesis}")
+        white = s.whiten(b.fit)[0]
+        screened = s.screened(b.fit, white, [t for t in s.terms if compatible(b.fit.hypothesis, t)])
+        for f in with_simpler(screened, 4):
+            old = pairs.get(f.hypothesis)
+            if old is None or f.loss < old.loss:
+                pairs[f.hypothesis] = f
+    if not pairs:
+        return chosen.fit, [chosen]
+    fits = sorted(pairs.values(), key=lambda f: f.loss)[:8]
+    # under one whitening, so that pairs can be compared
+    whites = s.whiten(fits[0])
+    fits = sorted(fit(s.sim, fits, s.train, whites[0], iterations=4), key=lambda f: f.loss)[:5]
+    whites = s.whiten(fits[0])
+    fits = fit(s.sim, fits, s.train, whites[0], iterations=4)
+    scored = s.score([*fits, chosen.fit], whites)
+    ranked = sorted(scored[:-1], key=lambda r: r.losses.mean())
+    winner = s.choose(ranked)
+    s.log.append(
+        f"pairs: single {scored[-1].losses.mean():.3f}; "
+        + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:5])
+        + f" -> {winner.fit.hypothesis}"
+    )
+    if not s.accept(winner, scored[-1]):
+        return chosen.fit, [chosen]
+    return winner.fit, ranked

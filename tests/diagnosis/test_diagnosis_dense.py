@@ -1,0 +1,63 @@
+"""Machines that lack something in every joint, and machines that do not."""
+
+import mujoco
+import numpy as np
+import pytest
+from machines import ARM, record
+
+from mpge_jax.diagnosis import Config
+from mpge_jax.diagnosis.dense import everywhere
+from mpge_jax.diagnosis.diagnosis import _build_search
+from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.model import compile_variable, names_of
+from mpge_jax.diagnosis.prepare import prepare
+from mpge_jax.diagnosis.recording import validate
+
+FRICTION, ROTOR = np.array([0.25, 0.12]), np.array([0.03, 0.02])
+
+
+def _search(change):
+    spec = mujoco.MjSpec.from_string(ARM)
+    plain = compile_variable(spec)
+    recordings = record(ARM, [4.0, 0.8], change=change, count=4)
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    return _build_search(p, lambda _text: None)
+
+
+def _fitted(s, theta: dict[str, float]) -> Fitted:
+    parts = {t: np.array([theta[str(t)]]) for t in s.terms if str(t) in theta}
+    h = Hypothesis.of(*parts)
+    values = h.gather(s.sim.ctx, parts)
+    return Fitted(h, values, values)
+
+
+def _stiff(model: mujoco.MjModel) -> None:
+    model.dof_solref[:], model.dof_solimp[:] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+
+def test_friction_and_rotor_inertia_in_every_joint_are_found_together():
+    def change(model: mujoco.MjModel) -> None:
+        _stiff(model)
+        model.dof_frictionloss[:] = FRICTION
+        model.dof_armature[:] += ROTOR
+
+    s = _search(change)
+    # what a forward search may begin with: a delay that stands for friction and inertia
+    found = everywhere(s, _fitted(s, {"actuator_delay@elbow_servo": 0.01}))
+    parts = {str(t): float(x[0]) for t, x in found.hypothesis.split(s.sim.ctx, found.theta).items()}
+    expected = {"coulomb_friction@shoulder", "coulomb_friction@elbow", "armature@shoulder", "armature@elbow"}
+    assert set(parts) == expected
+    for joint, friction, rotor in zip(("shoulder", "elbow"), FRICTION, ROTOR, strict=True):
+        assert parts[f"coulomb_friction@{joint}"] == pytest.approx(friction, rel=0.1)
+        assert parts[f"armature@{joint}"] == pytest.approx(rotor, rel=0.15)
+
+
+def test_what_is_in_one_joint_is_not_sought_in_all():
+    def change(model: mujoco.MjModel) -> None:
+        _stiff(model)
+        model.dof_frictionloss[0] = FRICTION[0]
+
+    s = _search(change)
+    one = _fitted(s, {"coulomb_friction@shoulder": float(FRICTION[0])})
+    assert everywhere(s, one) is one

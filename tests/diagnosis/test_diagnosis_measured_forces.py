@@ -1,0 +1,88 @@
+"""Machines driven by the forces that were measured on them: what happens between rows, and what noise does to them."""
+
+import mujoco
+import numpy as np
+import pytest
+from machines import excitation
+
+from mpge_jax.diagnosis import Config, Recording
+from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
+from mpge_jax.diagnosis.diagnosis import _build_search
+from mpge_jax.diagnosis.fit import Fitted, fit
+from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.model import compile_variable, names_of
+from mpge_jax.diagnosis.prepare import prepare, servo_jumps
+from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.states import States
+
+SERVO = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="arm">
+<joint name="hinge" axis="0 1 0" damping="0.02" armature="0.01"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><position name="servo" joint="hinge" gear="2" kp="5" kv="0.2" ctrlrange="-2 2" forcerange="-4 4"/></actuator>
+</mujoco>"""
+
+
+def _states(q: np.ndarray, v: np.ndarray) -> States:
+    return States(q[:, None], v[:, None], 0 * q[:, None], np.zeros((q.size, 1, 2, 2)))
+
+
+def test_a_servos_force_jumps_with_its_command_up_to_its_limits():
+    model = mujoco.MjModel.from_xml_string(SERVO)
+    q, v = np.zeros(5), np.array([0.0, 0.0, 0.0, 1.0, 1.0])
+    # force 5 (u - 2 q) - 0.2 * 2 v within +-4, command within +-2
+    u = np.array([0.0, 0.2, 1.0, 1.0, 3.0])
+    r = Recording("r", 0.01 * np.arange(5), q[:, None], None, u[:, None], u[:, None])
+    np.testing.assert_allclose(
+        servo_jumps(r, _states(q, v), model)[:, 0], [0.0, 1.0, 3.0, 0.0, 0.0], atol=1e-12
+    )
+    v[4] = 5.0  # braked by 2: from 3 to the limit of 4
+    np.testing.assert_allclose(servo_jumps(r, _states(q, v), model)[4, 0], 4.0 - 3.0)
+    without = Recording("r", r.time, r.qpos, None, None, r.force)
+    assert not servo_jumps(without, _states(q, v), model).any()
+
+
+def _driven(noise: float, count: int = 4) -> list[Recording]:
+    """A servo that follows its command at 100 Hz, with the force that it gives just after every row."""
+    rng, out = np.random.default_rng(0), []
+    model = mujoco.MjModel.from_xml_string(SERVO)
+    model.opt.timestep = 0.0005
+    for k in range(count):
+        data, rows = mujoco.MjData(model), []
+        for i in range(301):
+            u = excitation(k % 2 * 2, i / 100, np.array([k]), np.array([0.8]))
+            data.ctrl[:] = u
+            mujoco.mj_forward(model, data)
+            rows.append((i / 100, data.qpos.copy(), u, data.actuator_force.copy()))
+            for _ in range(20):
+                mujoco.mj_step(model, data)
+        time, q, u, f = (np.array(x) for x in zip(*rows, strict=True))
+        q = q + 1e-5 * rng.standard_normal(q.shape)
+        out.append(Recording(f"run_{k}", time, q, None, u, f + noise * rng.standard_normal(f.shape)))
+    return out
+
+
+def _search(recordings: list[Recording]):
+    spec = mujoco.MjSpec.from_string(SERVO)
+    plain = compile_variable(spec)
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    return p, _build_search(p, lambda _text: None)
+
+
+def test_a_servo_that_is_as_modelled_seems_to_lack_no_damping():
+    _, s = _search(_driven(0.0))
+    term = next(t for t in s.terms if t.id == "viscous_damping")
+    h = Hypothesis.of(term)
+    start = Fitted(h, np.array([0.01]), np.array([0.01]))
+    found = fit(s.sim, [start], s.train, s.whiten_one(s.nominal(), s.train))[0]
+    # 0.05 where the servo is believed to know its next command (gear^2 kp times half a row)
+    assert abs(found.theta[0]) < 0.01
+
+
+def test_noise_in_measured_forces_is_in_the_floor():
+    p, s = _search(_driven(0.2))
+    assert force_noise(p)[0] == pytest.approx(0.2, rel=0.3)
+    nominal = s.nominal()
+    losses = s.typical_losses(s.score([nominal], s.whiten(nominal, temper=False))[0])
+    assert losses.mean() > 3.0
+    assert Floor().exceeded(losses)
+    assert not floor(p, nominal).exceeded(losses)
