@@ -34,7 +34,7 @@ CONFIGS = {
     "Hopper": AgentConfig(sac=_FAST, buffer_capacity=300_000),
     "InvertedPendulum": AgentConfig(sac=_FAST, buffer_capacity=100_000, random_steps=1_000),
 }
-UPDATES = {"HalfCheetah": 63_744, "Hopper": 119_808, "InvertedPendulum": 12_000}
+UPDATES = {"HalfCheetah": 63_744, "Hopper": 47_872, "InvertedPendulum": 12_000}
 
 
 @dataclass(frozen=True)

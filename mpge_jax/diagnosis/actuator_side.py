@@ -21,6 +21,9 @@ from mpge_jax.diagnosis.windows import Source
 Array = np.ndarray
 BLOCK_S = 0.25
 MAX_EFFECTS = 3
+SMALL = 0.01
+"""Share of an actuator's largest forces by which an effect must change them: less is a matter of when within a
+timestep a force was measured."""
 
 
 class _Table(Fields):
@@ -239,6 +242,9 @@ def _search(model: mujoco.MjModel, ctx: Context, place: Place, d: _Data, ids: li
         gain = before - after
         error = gain.std() / np.sqrt(max(gain.size - 1, 1))
         if gain.mean() < 3 * error or gain.mean() < 0.05 * before.mean():
+            return current
+        old, new = (_residual(model, ctx, f, a, d.held, d) for f in (current, chosen))
+        if float(np.sqrt(np.mean((new - old) ** 2))) * d.sigma < SMALL * ctx.drive[a]:
             return current
         current = chosen
     return current

@@ -8,8 +8,9 @@ import numpy as np
 
 from mpge_jax.diagnosis.coarse import states_as_measured
 from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.model import compile_variable
 from mpge_jax.diagnosis.noise import column_noise
-from mpge_jax.diagnosis.prepare import Prepared
+from mpge_jax.diagnosis.prepare import Prepared, has_plain_law, plain_force
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.rotations import integrate
 from mpge_jax.diagnosis.simulate import Run
@@ -79,12 +80,24 @@ def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> Floor:
 
 
 def force_noise(prepared: Prepared) -> Array:
-    """Deviation [nu] of the noise in the forces that drive the machine; 0 where commands drive it."""
+    """Deviation [nu] of the noise in the forces that drive the machine; 0 where commands drive it.
+
+    A command that reacts to noisy measurements makes a force that is as rough and yet real, so what the model expects
+    of the actuator is taken away first where that leaves less.
+    """
     out = np.zeros(prepared.measured.size)
-    recordings = [s.recording for s in prepared.train_sources]
-    for a in np.flatnonzero(prepared.measured):
-        level, _ = column_noise([r.time for r in recordings], [r.known("force")[:, a] for r in recordings])
-        out[a] = level if np.isfinite(level) else 0.0
+    plain = compile_variable(prepared.spec)
+    times = [s.recording.time for s in prepared.train_sources]
+    for a in map(int, np.flatnonzero(prepared.measured)):
+        forces = [s.recording.known("force")[:, a] for s in prepared.train_sources]
+        levels = [column_noise(times, forces)[0]]
+        if has_plain_law(plain, a) and all(s.recording.ctrl is not None for s in prepared.train_sources):
+            expected = [
+                plain_force(plain, a, s.recording.known("ctrl"), s.states) for s in prepared.train_sources
+            ]
+            levels.append(column_noise(times, [f - e for f, e in zip(forces, expected, strict=True)])[0])
+        finite = [x for x in levels if np.isfinite(x)]
+        out[a] = min(finite, default=0.0)
     return out
 
 

@@ -108,23 +108,36 @@ def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> np.ndarr
     out = np.zeros((r.time.size, plain.nu))
     if r.ctrl is None:
         return out
+    before = np.concatenate([r.ctrl[:1], r.ctrl[:-1]])
     for a in range(plain.nu):
-        servo = plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE
-        if not servo or plain.actuator_dyntype[a] or not is_joint_transmission(plain, a):
-            continue
-        u = r.ctrl[:, a]
-        if plain.actuator_ctrllimited[a]:
-            u = np.clip(u, *plain.actuator_ctrlrange[a])
+        if plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and has_plain_law(plain, a):
+            out[:, a] = plain_force(plain, a, r.ctrl, states) - plain_force(plain, a, before, states)
+    return out
+
+
+def has_plain_law(plain: mujoco.MjModel, a: int) -> bool:
+    """Whether an actuator's force is a function of its command and of its joint's position and velocity."""
+    no_state = plain.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
+    fixed = plain.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+    bias = plain.actuator_biastype[a]
+    linear = bias == mujoco.mjtBias.mjBIAS_NONE or bias == mujoco.mjtBias.mjBIAS_AFFINE
+    return bool(no_state and fixed and linear and is_joint_transmission(plain, a))
+
+
+def plain_force(plain: mujoco.MjModel, a: int, ctrl: np.ndarray, states: States) -> np.ndarray:
+    """Force [T] that the model expects of actuator `a` (see `has_plain_law`) under commands [T, nu] in given states."""
+    u = ctrl[:, a]
+    if plain.actuator_ctrllimited[a]:
+        u = np.clip(u, *plain.actuator_ctrlrange[a])
+    force = plain.actuator_gainprm[a, 0] * u
+    if plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE:
         joint, gear = plain.actuator_trnid[a, 0], plain.actuator_gear[a, 0]
+        constant, stiffness, damping = plain.actuator_biasprm[a, :3]
         length = gear * states.qpos[:, plain.jnt_qposadr[joint]]
         speed = gear * states.qvel[:, plain.jnt_dofadr[joint]]
-        constant, stiffness, damping = plain.actuator_biasprm[a, :3]
-        passive = constant + stiffness * length + damping * speed
-        low, high = plain.actuator_forcerange[a] if plain.actuator_forcelimited[a] else (-np.inf, np.inf)
-        gain = plain.actuator_gainprm[a, 0]
-        new, old = (np.clip(passive[1:] + gain * x, low, high) for x in (u[1:], u[:-1]))
-        out[1:, a] = new - old
-    return out
+        force = force + constant + stiffness * length + damping * speed
+    limited = plain.actuator_forcelimited[a]
+    return np.clip(force, *plain.actuator_forcerange[a]) if limited else force
 
 
 def with_drives(p: Prepared, plain: mujoco.MjModel, lag: set[int], back_emf: dict[int, float]) -> Prepared:
