@@ -27,7 +27,7 @@ from experiments.blind.build import Counts as CaseCounts
 from experiments.blind.build import build
 from experiments.blind.case import Unfit
 from experiments.blind.run import run_all
-from experiments.blind.score import write_score
+from experiments.blind.score import put_into, write_score
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,8 @@ class Score:
     answers: Path
     runs: Path
     out: Path
+    page: Path | None = None
+    """A Markdown page that shows the score between two marks, such as docs/diagnosis.md."""
 
 
 Command = (
@@ -89,7 +91,10 @@ def main(args: list[str] | None = None) -> int:
     )
     try:
         if isinstance(command, Score):
-            print(write_score(command.answers, command.runs, command.out))
+            text = write_score(command.answers, command.runs, command.out)
+            if command.page is not None:
+                put_into(command.page, text)
+            print(text)
             return 0
         with Progress(*columns, console=Console(stderr=True)) as bar:
             task = bar.add_task("cases", total=None)

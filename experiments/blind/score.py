@@ -12,6 +12,7 @@ from experiments.blind.marks import Mark, judge
 from experiments.blind.vocabulary import PARAMETERS
 
 REPORTING = 100  # seeds below are for building and tuning
+BEGIN, END = "<!-- begin of blind score -->", "<!-- end of blind score -->"
 
 
 def load_marks(answers: Path, runs: Path) -> list[Mark]:
@@ -171,6 +172,25 @@ def write_score(answers: Path, runs: Path, out: Path) -> str:
     text = markdown(tables, marks)
     (out / "score.md").write_text(text)
     return text
+
+
+def put_into(page: Path, text: str) -> None:
+    """Replace what lies between the marks `BEGIN` and `END` of a Markdown page by a score, its headings one lower.
+
+    Raises:
+        ValueError: the page does not hold both marks, in this order.
+    """
+    old = page.read_text(encoding="utf-8")
+    head, found, rest = old.partition(BEGIN)
+    _, closed, tail = rest.partition(END)
+    if not found or not closed:
+        raise ValueError(
+            f"{page} has no '{BEGIN}' followed by '{END}'; add both lines where the score shall stand."
+        )
+    lower = "\n".join("#" + line if line.startswith("#") else line for line in text.strip().splitlines())
+    partial = page.with_suffix(".partial")
+    partial.write_text(f"{head}{BEGIN}\n\n{lower}\n\n{END}{tail}", encoding="utf-8")
+    partial.replace(page)
 
 
 def markdown(tables: dict, marks: list[Mark]) -> str:

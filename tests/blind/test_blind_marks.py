@@ -7,7 +7,7 @@ import pytest
 
 from experiments.blind.marks import judge
 from experiments.blind.parameters import compare
-from experiments.blind.score import load_marks, summary, write_score
+from experiments.blind.score import BEGIN, END, load_marks, put_into, summary, write_score
 
 
 def hidden(*effects: dict, kind: str = "single", unknown: tuple[dict, ...] = (), **more) -> dict:
@@ -191,3 +191,15 @@ def test_score_files(tmp_path):
     assert "viscous_damping@elbow" in text and (tmp_path / "score" / "score.json").exists()
     with pytest.raises(FileNotFoundError):
         load_marks(answers, tmp_path / "nowhere")
+
+
+def test_a_score_takes_its_place_on_a_page(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"# Page\n\n{BEGIN}\nold\n{END}\n\n## After\n")
+    for text in ("# Score\n\nfirst\n", "# Score\n\nsecond\n"):
+        put_into(page, text)
+    assert page.read_text() == f"# Page\n\n{BEGIN}\n\n## Score\n\nsecond\n\n{END}\n\n## After\n"
+    page.write_text("# Page\n")
+    with pytest.raises(ValueError, match="add both lines"):
+        put_into(page, "# Score\n")
+    assert page.read_text() == "# Page\n"
