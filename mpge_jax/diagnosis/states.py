@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis import velocities
 from mpge_jax.diagnosis.model import Names, is_scalar
 from mpge_jax.diagnosis.noise import MIN_ROWS, column_noise
 from mpge_jax.diagnosis.recording import Recording
@@ -16,9 +17,6 @@ Array = np.ndarray
 SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR = 1e-6, 1e-5
 UNKNOWN_VELOCITY = 1.0
 """Deviation (m/s or rad/s) of a velocity of which nothing was measured."""
-EQUAL, EXACT = 1e-3, 3e-3
-"""Velocities within this share of the positions' slope are computed from it; those whose noise is a smaller share of
-their spread are exact, wherever they come from."""
 MAX_ROWS = 60_000
 """Most rows smoothed over all recordings; longer logs are read in stretches."""
 
@@ -97,84 +95,21 @@ def estimate(
     qpos_noise = np.maximum(np.nan_to_num(qpos_noise, nan=SIGMA_FLOOR), SIGMA_FLOOR)
     qvel_noise = np.maximum(qvel_noise, SIGMA_VELOCITY_FLOOR)
     dofs = _dof_of_column(model)
-    untrusted = _check_velocities(recordings, model, dofs, qpos_noise, qvel_noise)
-    derived = _differences(recordings, dofs, qvel_noise)
-    if derived:
-        joints = sorted({names.joint_of_dof(model, d) for d in derived})
-        warnings.append(
-            f"recorded velocities of {', '.join(joints)} are the differences of the recorded positions: they say "
-            "nothing more, and are not used."
-        )
-        qvel_noise[derived] = np.inf
-    untrusted = [d for d in untrusted if d not in derived]
-    if untrusted:
-        joints = sorted({names.joint_of_dof(model, d) for d in untrusted})
-        warnings.append(
-            f"recorded velocities of {', '.join(joints)} disagree with the positions (filtered or delayed by "
-            "the driver); velocities are taken from the positions."
-        )
-        qvel_noise[untrusted] = np.inf
+    derived = velocities.derived(recordings, dofs, qvel_noise)
+    wrong = velocities.wrong(recordings, dofs, qpos_noise, qvel_noise)
+    for unused, why in (
+        (derived, "are the differences of the recorded positions: they say nothing more, and are not used."),
+        (
+            [d for d in wrong if d not in derived],
+            "disagree with the positions (filtered or delayed by the driver); velocities are taken from the positions.",
+        ),
+    ):
+        if unused:
+            joints = sorted({names.joint_of_dof(model, d) for d in unused})
+            warnings.append(f"recorded velocities of {', '.join(joints)} {why}")
+            qvel_noise[unused] = np.inf
     noise = Noise(qpos_noise, qvel_noise, quanta)
     return noise, _smooth_all(recordings, model, dofs, noise), warnings
-
-
-def _check_velocities(
-    recordings: list[Recording],
-    model: mujoco.MjModel,
-    dofs: dict[int, int],
-    qpos_noise: Array,
-    qvel_noise: Array,
-) -> list[int]:
-    """Degrees of freedom whose recorded velocity is not the derivative of the recorded position."""
-    bad = []
-    for column, dof in dofs.items():
-        if not np.isfinite(qvel_noise[dof]):
-            continue
-        usable = [
-            r
-            for r in recordings
-            if r.qvel is not None
-            and r.time.size >= 60
-            and not np.isnan(r.qpos[:, column]).all()
-            and not np.isnan(r.qvel[:, dof]).all()
-        ][:4]
-        if not usable:
-            continue
-        estimates = smooth(
-            [Series(r.time[:400], r.qpos[:400, column], None, qpos_noise[column], 1.0) for r in usable]
-        )
-        ratio = []
-        for r, s in zip(usable, estimates, strict=True):
-            inner = slice(10, min(400, r.time.size) - 10)
-            assert r.qvel is not None
-            error = r.qvel[:400, dof][inner] - s.mean[inner, 1]
-            expected = s.cov[inner, 1, 1] + qvel_noise[dof] ** 2
-            tolerance = (0.02 * np.std(r.qvel[:400, dof])) ** 2
-            ratio.append(float(np.median(error**2 / (expected + tolerance))))
-        if np.median(ratio) > 4.0:
-            bad.append(dof)
-    return bad
-
-
-def _differences(recordings: list[Recording], dofs: dict[int, int], qvel_noise: Array) -> list[int]:
-    """Degrees of freedom whose noisy velocities somebody computed from the positions of neighbouring rows."""
-    found = []
-    for column, dof in dofs.items():
-        equal, noisy = [], []
-        for r in recordings:
-            if r.qvel is None or np.isnan(r.qpos[:, column]).any() or np.isnan(r.qvel[:, dof]).any():
-                continue
-            slope, v = np.diff(r.qpos[:, column]) / np.diff(r.time), r.qvel[:, dof]
-            moves = np.abs(slope) > 0
-            if moves.sum() < MIN_ROWS:
-                continue
-            errors = [np.abs(v[rows][moves] - slope[moves]) for rows in (slice(1, None), slice(None, -1))]
-            equal.append(max(np.mean(e < EQUAL * np.abs(slope[moves])) for e in errors))
-            noisy.append(qvel_noise[dof] > EXACT * v.std())
-        # velocities of an engine that steps semi-implicitly are differences as well, but exact
-        if equal and min(equal) > 0.9 and np.median(noisy) > 0.5:
-            found.append(dof)
-    return found
 
 
 def _smooth_all(

@@ -1,0 +1,72 @@
+"""Whether recorded velocities are measurements: independent of the recorded positions, and of the same motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mpge_jax.diagnosis.noise import MIN_ROWS
+from mpge_jax.diagnosis.recording import Recording
+from mpge_jax.diagnosis.smooth import Series, smooth
+
+Array = np.ndarray
+EQUAL, EXACT = 1e-3, 3e-3
+"""Velocities within this share of the positions' slope are computed from it; those whose noise is a smaller share of
+their spread are exact, wherever they come from."""
+
+
+def wrong(
+    recordings: list[Recording],
+    dofs: dict[int, int],
+    qpos_noise: Array,
+    qvel_noise: Array,
+) -> list[int]:
+    """Degrees of freedom whose recorded velocity is not the derivative of the recorded position."""
+    bad = []
+    for column, dof in dofs.items():
+        if not np.isfinite(qvel_noise[dof]):
+            continue
+        usable = [
+            r
+            for r in recordings
+            if r.qvel is not None
+            and r.time.size >= 60
+            and not np.isnan(r.qpos[:, column]).all()
+            and not np.isnan(r.qvel[:, dof]).all()
+        ][:4]
+        if not usable:
+            continue
+        estimates = smooth(
+            [Series(r.time[:400], r.qpos[:400, column], None, qpos_noise[column], 1.0) for r in usable]
+        )
+        ratio = []
+        for r, s in zip(usable, estimates, strict=True):
+            inner = slice(10, min(400, r.time.size) - 10)
+            assert r.qvel is not None
+            error = r.qvel[:400, dof][inner] - s.mean[inner, 1]
+            expected = s.cov[inner, 1, 1] + qvel_noise[dof] ** 2
+            tolerance = (0.02 * np.std(r.qvel[:400, dof])) ** 2
+            ratio.append(float(np.median(error**2 / (expected + tolerance))))
+        if np.median(ratio) > 4.0:
+            bad.append(dof)
+    return bad
+
+
+def derived(recordings: list[Recording], dofs: dict[int, int], qvel_noise: Array) -> list[int]:
+    """Degrees of freedom whose noisy velocities somebody computed from the positions of neighbouring rows."""
+    found = []
+    for column, dof in dofs.items():
+        equal, noisy = [], []
+        for r in recordings:
+            if r.qvel is None or np.isnan(r.qpos[:, column]).any() or np.isnan(r.qvel[:, dof]).any():
+                continue
+            slope, v = np.diff(r.qpos[:, column]) / np.diff(r.time), r.qvel[:, dof]
+            moves = np.abs(slope) > 0
+            if moves.sum() < MIN_ROWS:
+                continue
+            errors = [np.abs(v[rows][moves] - slope[moves]) for rows in (slice(1, None), slice(None, -1))]
+            equal.append(max(np.mean(e < EQUAL * np.abs(slope[moves])) for e in errors))
+            noisy.append(qvel_noise[dof] > EXACT * v.std())
+        # velocities of an engine that steps semi-implicitly are differences as well, but exact
+        if equal and min(equal) > 0.9 and np.median(noisy) > 0.5:
+            found.append(dof)
+    return found
