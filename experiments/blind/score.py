@@ -175,7 +175,7 @@ def write_score(answers: Path, runs: Path, out: Path) -> str:
 
 
 def put_into(page: Path, text: str) -> None:
-    """Replace what lies between the marks `BEGIN` and `END` of a Markdown page by a score, its headings one lower.
+    """Replace what lies between the marks `BEGIN` and `END` of a Markdown page by a score, its headings two lower.
 
     Raises:
         ValueError: the page does not hold both marks, in this order.
@@ -187,7 +187,7 @@ def put_into(page: Path, text: str) -> None:
         raise ValueError(
             f"{page} has no '{BEGIN}' followed by '{END}'; add both lines where the score shall stand."
         )
-    lower = "\n".join("#" + line if line.startswith("#") else line for line in text.strip().splitlines())
+    lower = "\n".join("##" + line if line.startswith("#") else line for line in text.strip().splitlines())
     partial = page.with_suffix(".partial")
     partial.write_text(f"{head}{BEGIN}\n\n{lower}\n\n{END}{tail}", encoding="utf-8")
     partial.replace(page)

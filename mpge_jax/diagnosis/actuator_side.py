@@ -21,8 +21,8 @@ from mpge_jax.diagnosis.windows import Source
 Array = np.ndarray
 BLOCK_S = 0.25
 MAX_EFFECTS = 3
-SMALL = 0.01
-"""Share of an actuator's largest forces by which an effect must change them: less is a matter of when within a
+DETAIL = 0.01
+"""Share of an actuator's largest forces by which an effect must change some of them: less is a matter of when within a
 timestep a force was measured."""
 
 
@@ -135,19 +135,26 @@ class ActuatorSide:
     sentences: list[str] = field(default_factory=list)
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def between_rows(self) -> tuple[set[int], dict[int, float]]:
-        """Actuators whose force lags behind the command, and those with back-EMF with their force per command."""
+    def between_rows(self) -> tuple[set[int], dict[int, float], dict[int, float]]:
+        """Actuators whose force lags behind the command; those with back-EMF, with their force per command; and those
+        whose force does not jump with the command as the model expects, with the share of its jumps."""
         lag: set[int] = set()
         back_emf: dict[int, float] = {}
+        jumps: dict[int, float] = {}
         for f in self.fits:
             parts = {t.id: (t.place.index, x) for t, x in f.hypothesis.split(self.ctx, f.theta).items()}
+            a = next(iter(parts.values()))[0]
+            scaled = set(parts) <= {"actuator_gain", "actuator_bias"}
+            jumps[a] = (
+                float(parts["actuator_gain"][1][0]) if scaled and "actuator_gain" in parts else float(scaled)
+            )
             if "actuator_lag" in parts:
                 lag.add(parts["actuator_lag"][0])
             if "back_emf" in parts:
                 a = parts["back_emf"][0]
                 factor = float(parts["actuator_gain"][1][0]) if "actuator_gain" in parts else 1.0
                 back_emf[a] = factor * float(self.ctx.model.actuator_gainprm[a, 0])
-        return lag, back_emf
+        return lag, back_emf, jumps
 
     def export(self, spec: mujoco.MjSpec) -> dict[Term, bool]:
         """Add native forms to a compiled spec; returns which effects have one."""
@@ -244,7 +251,7 @@ def _search(model: mujoco.MjModel, ctx: Context, place: Place, d: _Data, ids: li
         if gain.mean() < 3 * error or gain.mean() < 0.05 * before.mean():
             return current
         old, new = (_residual(model, ctx, f, a, d.held, d) for f in (current, chosen))
-        if float(np.sqrt(np.mean((new - old) ** 2))) * d.sigma < SMALL * ctx.drive[a]:
+        if float(np.quantile(np.abs(new - old), 0.98)) * d.sigma < DETAIL * ctx.drive[a]:
             return current
         current = chosen
     return current

@@ -125,8 +125,9 @@ def _simulated(
         grid = w.start[k] + time
         source = w.sources[w.source[k]]
         ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
-        # the machine felt the force, the recording holds it with noise
         if shaken.any():
-            ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape)
+            # the machine felt the force, the recording holds it with noise, of which a row here averages several
+            rows = np.maximum(np.diff(grid, append=2 * grid[-1] - grid[-2]) / prepared.ctx.period, 1.0)
+            ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape) / np.sqrt(rows)[:, None]
         out.append(Recording(f"calibration_{k}", time, qpos, velocity, ctrl if m.nu else np.zeros((n, 0))))
     return out

@@ -12,8 +12,8 @@ from mpge_jax.diagnosis.noise import MIN_ROWS, noise_level
 from mpge_jax.diagnosis.recording import Recording
 
 Array = np.ndarray
-HICCUP = 1.4
-"""A step of the clock longer than this many median steps."""
+HICCUP, GAP = 1.4, 5.0
+"""A step of the clock longer than so many median steps is a hiccup, one longer than so many a gap in the log."""
 NEIGHBOURS = 4
 """Rows on each side of a hiccup that say where the joint was."""
 WRONG, RIGHT = 5.0, 0.4
@@ -32,7 +32,7 @@ def early(time: Array, position: Array, sigma: float) -> tuple[Array, Array]:
     """
     step = np.diff(time)
     usual = float(np.median(step))
-    rows = np.flatnonzero(step > HICCUP * usual) + 1
+    rows = np.flatnonzero((step > HICCUP * usual) & (step < GAP * usual)) + 1
     around = np.r_[-NEIGHBOURS:0, 1 : NEIGHBOURS + 1]
     rows = rows[(rows >= NEIGHBOURS) & (rows < time.size - NEIGHBOURS)]
     found, moved = [], []
@@ -56,7 +56,8 @@ def early(time: Array, position: Array, sigma: float) -> tuple[Array, Array]:
 def at_their_stamps(
     recordings: list[Recording], model: mujoco.MjModel, names: Names
 ) -> tuple[list[Recording], list[str]]:
-    """The recordings with early readings moved on to where the joint was at their stamps, and warnings."""
+    """The recordings with early positions moved on to where the joint was at their stamps, and warnings. Velocities and
+    forces of those rows stay as they are: they change less within a step."""
     counts: dict[str, int] = {}
     out = []
     for r in recordings:

@@ -51,7 +51,8 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
         + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in scored)
     )
     better = chosen.losses.mean() < HALF * before.losses.mean()
-    return chosen.fit if better and s.needed(chosen, before) else current
+    fits_in = len(chosen.fit.hypothesis.terms) <= s.max_terms
+    return chosen.fit if better and fits_in and s.needed(chosen, before) else current
 
 
 def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
@@ -84,4 +85,4 @@ def _without_weak(s: Search, f: Fitted) -> Fitted:
         return f
     h = Hypothesis.of(*(t for t in f.hypothesis.terms if t not in gone))
     parts, centres = (f.hypothesis.split(s.sim.ctx, x) for x in (f.theta, f.centre))
-    return Fitted(h, h.gather(s.sim.ctx, parts), h.gather(s.sim.ctx, centres))
+    return Fitted(h, h.gather(s.sim.ctx, parts), h.gather(s.sim.ctx, centres), f.loss)

@@ -15,7 +15,7 @@ import numpy as np
 
 from mpge_jax.diagnosis import resume
 from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
-from mpge_jax.diagnosis.calibrate import Floor, floor
+from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
 from mpge_jax.diagnosis.candidates import all_terms
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
@@ -203,6 +203,8 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     shown = (p, f)
     if actuators is not None and actuators.fits and not f.hypothesis.terms:
         shown = by_command(p, plain, actuators)
+        # no measured force, and no noise of one, drives this machine
+        noise = replace(noise, ratio=min(noise.ratio, 1.0))
     train, held = (_report(*shown, is_held, noise) for is_held in (False, True))
     plain_whites = s.whiten(f, temper=False)
     found = bool(f.hypothesis.terms) or (actuators is not None and bool(actuators.fits))
@@ -255,7 +257,7 @@ def _build_search(p: Prepared, say: _Progress) -> Search:
     terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
     terms = [t for t in terms if _visible(p, t)]
     limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
-    calibrated = partial(floor, p) if p.measured.any() else None
+    calibrated = partial(floor, p) if force_noise(p).any() else None
     return Search(
         p.sim, p.noise, train, held, terms, c.seed, say, max_terms=limit, typical=typical, floor=calibrated
     )

@@ -60,7 +60,8 @@ def column_noise(times: list[Array], values: list[Array]) -> tuple[float, float]
     """(noise deviation including quantisation, quantum) of one column over several recordings."""
     levels, quanta = [], []
     for t, v in zip(times, values, strict=True):
-        if np.isnan(v).all():
+        t, v = t[np.isfinite(v)], v[np.isfinite(v)]
+        if not v.size:
             continue
         levels.append(noise_level(t, v))
         quanta.append(quantum(v))

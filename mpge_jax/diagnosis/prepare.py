@@ -112,7 +112,8 @@ def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> np.ndarr
     for a in range(plain.nu):
         if plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and has_plain_law(plain, a):
             out[:, a] = plain_force(plain, a, r.ctrl, states) - plain_force(plain, a, before, states)
-    return out
+    # a force that was not measured is a straight line between its neighbours
+    return np.where(np.isfinite(r.known("force")), out, 0.0)
 
 
 def has_plain_law(plain: mujoco.MjModel, a: int) -> bool:
@@ -140,18 +141,27 @@ def plain_force(plain: mujoco.MjModel, a: int, ctrl: np.ndarray, states: States)
     return np.clip(force, *plain.actuator_forcerange[a]) if limited else force
 
 
-def with_drives(p: Prepared, plain: mujoco.MjModel, lag: set[int], back_emf: dict[int, float]) -> Prepared:
+def with_drives(
+    p: Prepared,
+    plain: mujoco.MjModel,
+    lag: set[int],
+    back_emf: dict[int, float],
+    share: dict[int, float] | None = None,
+) -> Prepared:
     """The same with measured forces read as what drives them makes of them: a lagging motor's force is not held
     between rows, nor is the part of a motor's force that its speed takes away.
 
     Args:
-        plain: the nominal model. lag: actuators. back_emf: actuator -> force per command.
+        plain: the nominal model. lag: actuators. back_emf: actuator -> force per command. share: actuator -> share of
+            the model's `servo_jumps` that its force makes (1 where it is not listed).
     """
     continuous = follows(plain)
     continuous[list(lag)] = True
 
     def again(s: Source) -> Source:
         jumps = servo_jumps(s.recording, s.states, plain)
+        for a, factor in (share or {}).items():
+            jumps[:, a] *= factor
         jumps[:, list(lag)] = 0.0
         smooth = np.where(p.measured & continuous, s.command - np.cumsum(jumps, axis=0), 0.0)
         for a, gain in back_emf.items():
@@ -205,9 +215,10 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     measured = measured_forces(recordings, plain)
     model = compile_variable(drive_by_force(spec, measured)) if measured.any() else plain
     train, held = _thin(train, warnings), _thin(held, warnings)
-    together, notes = at_their_stamps(train + held, plain, names)
+    recorded = train + held
+    together, notes = at_their_stamps(recorded, plain, names)
     warnings += notes
-    noise, states, notes = estimate(together, model, names)
+    noise, states, notes = estimate(together, model, names, recorded)
     warnings += notes
     sources = tuple(_source(r, s, plain, measured) for r, s in zip(together, states, strict=True))
     train_sources, held_sources = sources[: len(train)], sources[len(train) :]

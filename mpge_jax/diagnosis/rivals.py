@@ -49,11 +49,16 @@ def find_rivals(
         # Screened anew: the search drops what looks like a better one of its group, as a rival does.
         candidates = [t for t in s.terms if t != term and compatible(base_h, t)]
         if many:
-            candidates = [t for t in candidates if _joints(ctx, t.place) & _joints(ctx, term.place)]
+            here = _joints(ctx, term.place)
+            candidates = [t for t in candidates if here & _joints(ctx, t.place)]
         screened = s.screened(base, whites[0], candidates)
         fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
         pool = [fitted.get(r.hypothesis, r) for r in screened[:keep]]
         fits = fit(s.sim, pool, *windows, iterations=2 if many else 4)
+        if many:
+            # the nearest is judged on all windows, so it is fitted to them
+            fits.sort(key=lambda f: f.loss)
+            fits[:1] = fit(s.sim, fits[:1], s.train, whites[0], iterations=1)
         rivals = []
         for r in s.score(fits, whites):
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
@@ -64,17 +69,18 @@ def find_rivals(
 
 
 def _joints(ctx: Context, place: Place) -> set[int]:
-    """Joints at which something at `place` acts first: all for the world, none where a body has no joint."""
+    """Joints at which something at `place` acts first; all, where that is not one joint's or one body's matter."""
     m = ctx.model
     if place.kind == "joint":
         return {place.index}
     if place.kind == "actuator":
-        return {int(m.actuator_trnid[place.index, 0])} if is_joint_transmission(m, place.index) else set()
+        direct = is_joint_transmission(m, place.index)
+        return {int(m.actuator_trnid[place.index, 0])} if direct else set(range(m.njnt))
     if place.kind == "world":
         return set(range(m.njnt))
-    body = int(m.geom_bodyid[place.index]) if place.kind == "geom" else place.index
+    body = int(m.body_weldid[int(m.geom_bodyid[place.index]) if place.kind == "geom" else place.index])
     first = int(m.body_jntadr[body])
-    return set(range(first, first + int(m.body_jntnum[body])))
+    return set(range(first, first + int(m.body_jntnum[body]))) or set(range(m.njnt))
 
 
 def better_rival(rivals: dict[Term, list[Rival]]) -> Rival | None:

@@ -73,9 +73,13 @@ def _dof_of_column(model: mujoco.MjModel) -> dict[int, int]:
 
 
 def estimate(
-    recordings: list[Recording], model: mujoco.MjModel, names: Names
+    recordings: list[Recording], model: mujoco.MjModel, names: Names, recorded: list[Recording] | None = None
 ) -> tuple[Noise, list[States], list[str]]:
-    """Noise levels and smoothed states. Returns warnings too."""
+    """Noise levels and smoothed states. Returns warnings too.
+
+    Args:
+        recorded: the recordings before any reading was corrected, if that happened.
+    """
     warnings: list[str] = []
     qpos_noise, quanta = np.full(model.nq, np.nan), np.zeros(model.nq)
     for c in range(model.nq):
@@ -95,7 +99,7 @@ def estimate(
     qpos_noise = np.maximum(np.nan_to_num(qpos_noise, nan=SIGMA_FLOOR), SIGMA_FLOOR)
     qvel_noise = np.maximum(qvel_noise, SIGMA_VELOCITY_FLOOR)
     dofs = _dof_of_column(model)
-    derived = velocities.derived(recordings, dofs, qvel_noise)
+    derived = velocities.derived(recorded or recordings, dofs, qvel_noise)
     wrong = velocities.wrong(recordings, dofs, qpos_noise, qvel_noise)
     for unused, why in (
         (derived, "are the differences of the recorded positions: they say nothing more, and are not used."),
@@ -157,7 +161,8 @@ def _smooth_all(
 
 
 def _rotations(recording: Recording, states: States, model: mujoco.MjModel, noise: Noise) -> None:
-    """Angular velocities of ball and free joints, in the body's frame, where they were not measured."""
+    """Orientations and angular velocities (in the body's frame) of ball and free joints, with those that were measured
+    taken for independent of the orientations."""
     for j in range(model.njnt):
         kind, q, v = int(model.jnt_type[j]), int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
         if kind == mujoco.mjtJoint.mjJNT_FREE:
@@ -168,7 +173,7 @@ def _rotations(recording: Recording, states: States, model: mujoco.MjModel, nois
         if np.isnan(quat).all():
             continue
         states.cov[:, v : v + 3, 0, 0] = noise.angle(q) ** 2
-        measured = recording.qvel is not None and not np.isnan(recording.qvel[:, v]).all()
+        measured = recording.qvel is not None and bool(np.isfinite(recording.qvel[:, v : v + 3]).all())
         known = measured and bool(np.isfinite(noise.qvel[v : v + 3]).all())
         if known:
             states.cov[:, v : v + 3, 1, 1] = noise.qvel[v : v + 3] ** 2
@@ -177,7 +182,6 @@ def _rotations(recording: Recording, states: States, model: mujoco.MjModel, nois
         mean, omega, variance = _turning(recording.time, quat, noise.qpos[q : q + 4])
         weight = np.zeros_like(omega)
         if known:
-            # two independent readings of one velocity
             weight = variance / (variance + noise.qvel[v : v + 3] ** 2)
             variance = weight * noise.qvel[v : v + 3] ** 2
             omega = omega + weight * (recording.known("qvel")[:, v : v + 3] - omega)

@@ -59,12 +59,12 @@ def derived(recordings: list[Recording], dofs: dict[int, int], qvel_noise: Array
         for r in recordings:
             if r.qvel is None or np.isnan(r.qpos[:, column]).any() or np.isnan(r.qvel[:, dof]).any():
                 continue
-            slope, v = np.diff(r.qpos[:, column]) / np.diff(r.time), r.qvel[:, dof]
-            moves = np.abs(slope) > 0
-            if moves.sum() < MIN_ROWS:
+            q, t, v = r.qpos[:, column], r.time, r.qvel[:, dof]
+            ahead, about = np.diff(q) / np.diff(t), (q[2:] - q[:-2]) / (t[2:] - t[:-2])
+            guesses = ((v[1:], ahead), (v[:-1], ahead), (v[1:-1], about), (v, np.gradient(q, t)))
+            if (np.abs(ahead) > 0).sum() < MIN_ROWS:
                 continue
-            errors = [np.abs(v[rows][moves] - slope[moves]) for rows in (slice(1, None), slice(None, -1))]
-            equal.append(max(np.mean(e < EQUAL * np.abs(slope[moves])) for e in errors))
+            equal.append(max(np.mean(np.abs(x - y)[y != 0] < EQUAL * np.abs(y[y != 0])) for x, y in guesses))
             noisy.append(qvel_noise[dof] > EXACT * v.std())
         # velocities of an engine that steps semi-implicitly are differences as well, but exact
         if equal and min(equal) > 0.9 and np.median(noisy) > 0.5:

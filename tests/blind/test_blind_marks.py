@@ -198,7 +198,7 @@ def test_a_score_takes_its_place_on_a_page(tmp_path):
     page.write_text(f"# Page\n\n{BEGIN}\nold\n{END}\n\n## After\n")
     for text in ("# Score\n\nfirst\n", "# Score\n\nsecond\n"):
         put_into(page, text)
-    assert page.read_text() == f"# Page\n\n{BEGIN}\n\n## Score\n\nsecond\n\n{END}\n\n## After\n"
+    assert page.read_text() == f"# Page\n\n{BEGIN}\n\n### Score\n\nsecond\n\n{END}\n\n## After\n"
     page.write_text("# Page\n")
     with pytest.raises(ValueError, match="add both lines"):
         put_into(page, "# Score\n")

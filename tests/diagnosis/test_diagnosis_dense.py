@@ -57,7 +57,11 @@ def test_what_is_in_one_joint_is_not_sought_in_all():
     def change(model: mujoco.MjModel) -> None:
         _stiff(model)
         model.dof_frictionloss[0] = FRICTION[0]
+        model.body_mass[2] *= 1.5
+        model.body_inertia[2] *= 1.5
 
     s = _search(change)
     one = _fitted(s, {"coulomb_friction@shoulder": float(FRICTION[0])})
+    assert not s.at_noise(one, s.whiten_one(one, s.train))
     assert everywhere(s, one) is one
+    assert "everywhere" in s.log[-1]

@@ -6,12 +6,13 @@ import pytest
 from machines import excitation
 
 from mpge_jax.diagnosis import Config, Recording
+from mpge_jax.diagnosis.actuator_side import diagnose_actuators
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
 from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.fit import Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, names_of
-from mpge_jax.diagnosis.prepare import prepare, servo_jumps
+from mpge_jax.diagnosis.prepare import prepare, servo_jumps, with_drives
 from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.states import States
 
@@ -41,20 +42,21 @@ def test_a_servos_force_jumps_with_its_command_up_to_its_limits():
     assert not servo_jumps(without, _states(q, v), model).any()
 
 
-def _driven(noise: float, count: int = 4) -> list[Recording]:
-    """A servo that follows its command at 100 Hz, with the force that it gives just after every row."""
+def _driven(noise: float, rate: int = 100, gain: float = 1.0, count: int = 4) -> list[Recording]:
+    """A servo that follows its command, with the force that it gives just after every row."""
     rng, out = np.random.default_rng(0), []
     model = mujoco.MjModel.from_xml_string(SERVO)
     model.opt.timestep = 0.0005
+    model.actuator_gainprm[0, 0] *= gain
+    model.actuator_biasprm[0, :3] *= gain
     for k in range(count):
         data, rows = mujoco.MjData(model), []
-        for i in range(301):
-            u = excitation(k % 2 * 2, i / 100, np.array([k]), np.array([0.8]))
+        for i in range(3 * rate + 1):
+            u = excitation(k % 2 * 2, i / rate, np.array([k]), np.array([0.8]))
             data.ctrl[:] = u
             mujoco.mj_forward(model, data)
-            rows.append((i / 100, data.qpos.copy(), u, data.actuator_force.copy()))
-            for _ in range(20):
-                mujoco.mj_step(model, data)
+            rows.append((i / rate, data.qpos.copy(), u, data.actuator_force.copy()))
+            mujoco.mj_step(model, data, 2000 // rate)
         time, q, u, f = (np.array(x) for x in zip(*rows, strict=True))
         q = q + 1e-5 * rng.standard_normal(q.shape)
         out.append(Recording(f"run_{k}", time, q, None, u, f + noise * rng.standard_normal(f.shape)))
@@ -74,15 +76,32 @@ def test_a_servo_that_is_as_modelled_seems_to_lack_no_damping():
     h = Hypothesis.of(term)
     start = Fitted(h, np.array([0.01]), np.array([0.01]))
     found = fit(s.sim, [start], s.train, s.whiten_one(s.nominal(), s.train))[0]
-    # 0.05 where the servo is believed to know its next command (gear^2 kp times half a row)
+    # 0.1 where the servo is believed to know its next command (gear^2 kp times half a row)
     assert abs(found.theta[0]) < 0.01
 
 
-def test_noise_in_measured_forces_is_in_the_floor():
-    p, s = _search(_driven(0.2))
-    assert force_noise(p)[0] == pytest.approx(0.2, rel=0.3)
+def test_a_servo_that_was_found_to_differ_jumps_as_it_does():
+    p, _ = _search(_driven(0.0, gain=0.5))
+    plain = compile_variable(p.spec)
+    found = diagnose_actuators(p, plain, ["actuator_gain", "actuator_delay", "actuator_bias"])
+    assert found is not None
+    share = found.between_rows()[2]
+    assert share[0] == pytest.approx(0.5, rel=0.05)
+    again = with_drives(p, plain, *found.between_rows()).train_sources[0]
+    r = again.recording
+    jumps = 0.5 * servo_jumps(r, again.states, plain)
+    mean = 0.5 * (again.command[:-1] + again.command[1:] - jumps[1:])
+    np.testing.assert_allclose(np.diff(again.integral, axis=0), 0.01 * mean, atol=2e-4)
+
+
+@pytest.mark.parametrize(("rate", "noise"), [(100, 0.2), (500, 0.4)])
+def test_noise_in_measured_forces_is_in_the_floor(rate, noise):
+    p, s = _search(_driven(noise, rate))
+    assert force_noise(p)[0] == pytest.approx(noise, rel=0.3)
     nominal = s.nominal()
     losses = s.typical_losses(s.score([nominal], s.whiten(nominal, temper=False))[0])
-    assert losses.mean() > 3.0
+    assert losses.mean() > 2.0
     assert Floor().exceeded(losses)
-    assert not floor(p, nominal).exceeded(losses)
+    found = floor(p, nominal)
+    assert not found.exceeded(losses)
+    assert 0.4 < found.loss / losses.mean() < 2.0

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from machines import PENDULUM
 
 from mpge_jax.diagnosis import Recording
-from mpge_jax.diagnosis.clock import early
+from mpge_jax.diagnosis.clock import at_their_stamps, early
 from mpge_jax.diagnosis.model import names_of
-from mpge_jax.diagnosis.noise import difference_noise, noise_level, quantum
+from mpge_jax.diagnosis.noise import column_noise, difference_noise, noise_level, quantum
 from mpge_jax.diagnosis.smooth import Series, smooth
 from mpge_jax.diagnosis.states import estimate
 
@@ -78,7 +78,14 @@ def test_an_impact_beside_a_hiccup_is_no_early_reading():
 
 
 @pytest.mark.parametrize(
-    ("derived", "noise", "used"), [(True, 1e-4, False), (True, 0.0, True), (False, 1e-4, True)]
+    ("derived", "noise", "used"),
+    [
+        ("back", 1e-4, False),
+        ("centre", 1e-4, False),
+        ("gradient", 1e-4, False),
+        ("back", 0.0, True),
+        ("", 1e-4, True),
+    ],
 )
 def test_velocities_computed_from_the_positions_are_not_used_twice(derived, noise, used):
     rng = np.random.default_rng(0)
@@ -86,8 +93,39 @@ def test_velocities_computed_from_the_positions_are_not_used_twice(derived, nois
     t = 0.002 * np.arange(500)
     q = (_swing(t) + noise * rng.standard_normal(500))[:, None]
     v = 4 * np.cos(4 * t) + 1.8 * np.cos(9 * t) + 0.05 * rng.standard_normal(500)
-    if derived:
+    if derived == "back":
         v = np.r_[0.0, np.diff(q[:, 0]) / 0.002]
+    elif derived == "centre":
+        v = np.r_[0.0, (q[2:, 0] - q[:-2, 0]) / 0.004, 0.0]
+    elif derived == "gradient":
+        v = np.gradient(q[:, 0], t)
     estimated, _, warnings = estimate([Recording("r", t, q, v[:, None], None)], model, names_of(model))
     assert np.isfinite(estimated.qvel[0]) == used
     assert any("differences" in w for w in warnings) != used
+
+
+def test_derived_velocities_are_known_beside_readings_that_were_moved():
+    rng = np.random.default_rng(0)
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    step = np.full(600, 0.002)
+    late = np.arange(10, 590, 8)
+    step[late] = 0.0055
+    stamp = np.cumsum(step)
+    read = stamp.copy()
+    read[late] = stamp[late - 1] + 0.002
+    q = (_swing(read) + 1e-4 * rng.standard_normal(600))[:, None]
+    v = np.r_[0.0, np.diff(q[:, 0]) / step[1:]]
+    recorded = [Recording("r", stamp, q, v[:, None], None)]
+    moved, warnings = at_their_stamps(recorded, model, names_of(model))
+    assert len(warnings) == 1 and (moved[0].qpos != q).any()
+    noise, _, _ = estimate(moved, model, names_of(model), recorded)
+    assert np.isinf(noise.qvel[0])
+
+
+def test_noise_of_a_column_with_holes():
+    rng = np.random.default_rng(0)
+    t = 0.01 * np.arange(500)
+    y = np.sin(3 * t) + 1e-3 * rng.standard_normal(500)
+    y[::31] = np.nan
+    assert column_noise([t], [y])[0] == pytest.approx(1e-3, rel=0.2)
+    assert np.isnan(column_noise([t], [np.full(500, np.nan)])[0])

@@ -118,12 +118,19 @@ class _Contact(Effect):
     pair_columns = 1
 
     def places(self, ctx: Context) -> list[Place]:
-        """The whole world and every geom that touches, but for the only thing that stands still: what it touches is
-        all that the world touches."""
+        """The whole world and every geom that touches, but for the only thing that stands still where nothing else can
+        touch: all contacts are its contacts."""
         if not ctx.contacts:
             return []
-        still = [g for g in ctx.contacts if ctx.model.geom_bodyid[g] == 0]
-        return [p for p in super().places(ctx) if p.kind == "world" or still != [p.index]]
+        m = ctx.model
+        still = [g for g in ctx.contacts if m.body_weldid[m.geom_bodyid[g]] == 0]
+        moving = [g for g in ctx.contacts if g not in still]
+        meet = any(
+            m.geom_contype[a] & m.geom_conaffinity[b] and m.geom_bodyid[a] != m.geom_bodyid[b]
+            for a in moving
+            for b in moving
+        )
+        return [p for p in super().places(ctx) if p.kind == "world" or meet or still != [p.index]]
 
     def null(self, ctx: Context, place: Place) -> np.ndarray:
         values = getattr(ctx.model, self.fields[0])[:, 0]
