@@ -21,8 +21,8 @@ AFTER = 3
 """Effects that the forward search has found before the other direction is tried."""
 HALF = 0.5
 """Share of the loss that may remain: what is missing everywhere explains most of what is left."""
-PASSES = 3
-"""Fits under the hypothesis's own whitening, with terms taken away after each."""
+PASSES = 5
+"""Fits under the hypothesis's own whitening at most, with terms taken away before each."""
 
 
 def everywhere(s: Search, current: Fitted) -> Fitted:
@@ -35,10 +35,13 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     s.say("trying friction, damping and rotor inertia in every joint")
     white = s.whiten_one(current, s.train)
     fits = fit(s.sim, starts, s.train, white, iterations=8)
-    for _ in range(PASSES):
+    for number in range(PASSES):
+        known = [f.hypothesis for f in fits]
         fits = [f for f in (_without_weak(s, f) for f in fits) if f.hypothesis.terms]
         if not fits:
             return current
+        if number and known == [f.hypothesis for f in fits]:
+            break
         white = s.whiten_one(min(fits, key=lambda f: f.loss), s.train)
         fits = fit(s.sim, fits, s.train, white, iterations=5)
     whites = s.whiten(min(fits, key=lambda f: f.loss))
