@@ -15,10 +15,14 @@ Array = np.ndarray
 
 
 def window_errors(report: FitReport, after: bool) -> Array:
-    """Median over windows of each joint's root-mean-square error [nv]."""
+    """Median over windows of each joint's root-mean-square error [nv]; NaN where it was never measured."""
     curves = (report.after if after else report.before).curves
-    with np.errstate(invalid="ignore"):
-        return np.median(np.sqrt(np.nanmean(curves**2, axis=1)), axis=0)
+    seen = np.isfinite(curves)
+    count = seen.sum(1)
+    each = np.sqrt((np.where(seen, curves, 0.0) ** 2).sum(1) / np.maximum(count, 1))
+    return np.array(
+        [np.median(e[n > 0]) if n.any() else np.nan for e, n in zip(each.T, count.T, strict=True)]
+    )
 
 
 def markdown(d: Diagnosis, title: str, command: str) -> str:
@@ -48,7 +52,7 @@ def markdown(d: Diagnosis, title: str, command: str) -> str:
     lines += ["", f"## Held-out windows of {span} s", ""]
     lines += [f"{held.windows.count} windows of {', '.join(table['fit']['held_out']['recordings'])}.", ""]
     lines += ["| joint | median error as given | median error corrected | ratio |", "|---|---|---|---|"]
-    for dof in range(d.prepared.model.nv):
+    for dof in map(int, np.flatnonzero(np.isfinite(before))):
         name = d.prepared.names.joint_of_dof(d.prepared.model, dof)
         lines.append(f"| {name} | {before[dof]:.4g} | {after[dof]:.4g} | {before[dof] / after[dof]:.1f} |")
     fit = table["fit"]["held_out"]

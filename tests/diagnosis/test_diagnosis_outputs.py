@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.outputs import effects_table
 from mpge_jax.diagnosis.report import _drives, _interval
 from mpge_jax.diagnosis.rivals import _one_each
 from mpge_jax.diagnosis.select import Rival
+from mpge_jax.diagnosis.summary import window_errors
 from mpge_jax.diagnosis.words import explanation, quantity
 
 
@@ -122,3 +123,11 @@ def test_candidates_are_told_in_one_sentence():
         "The recordings cannot tell which: the hinge has dry friction of 0.05000 N m that the model lacks, or "
         "the actuator motor adds a constant 0.05000 N m to what it is told"
     )
+
+
+def test_window_errors_leave_out_what_was_not_measured():
+    curves = np.full((3, 2, 3), np.nan)
+    curves[:, :, 0] = [[3.0, 4.0], [1.0, 1.0], [2.0, 2.0]]
+    curves[:2, 0, 1] = [5.0, 7.0]
+    report = SimpleNamespace(before=SimpleNamespace(curves=curves), after=None)
+    np.testing.assert_allclose(window_errors(report, after=False), [2.0, 6.0, np.nan])
