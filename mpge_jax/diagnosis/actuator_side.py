@@ -144,16 +144,12 @@ class ActuatorSide:
         for f in self.fits:
             parts = {t.id: (t.place.index, x) for t, x in f.hypothesis.split(self.ctx, f.theta).items()}
             a = next(iter(parts.values()))[0]
-            scaled = set(parts) <= {"actuator_gain", "actuator_bias"}
-            jumps[a] = (
-                float(parts["actuator_gain"][1][0]) if scaled and "actuator_gain" in parts else float(scaled)
-            )
+            gain = float(parts["actuator_gain"][1][0]) if "actuator_gain" in parts else 1.0
+            jumps[a] = gain if set(parts) <= {"actuator_gain", "actuator_bias"} else 0.0
             if "actuator_lag" in parts:
-                lag.add(parts["actuator_lag"][0])
+                lag.add(a)
             if "back_emf" in parts:
-                a = parts["back_emf"][0]
-                factor = float(parts["actuator_gain"][1][0]) if "actuator_gain" in parts else 1.0
-                back_emf[a] = factor * float(self.ctx.model.actuator_gainprm[a, 0])
+                back_emf[a] = gain * float(self.ctx.model.actuator_gainprm[a, 0])
         return lag, back_emf, jumps
 
     def export(self, spec: mujoco.MjSpec) -> dict[Term, bool]:

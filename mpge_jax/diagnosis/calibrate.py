@@ -42,17 +42,20 @@ class Floor:
         return bool(excess > EXCESS and excess > 3.0 * np.hypot(error, self.error))
 
 
-def floor(prepared: Prepared, f: Fitted, limit: int = 16) -> Floor:
+def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int = 16) -> Floor:
     """The floor when `f` is the truth, with the same noise (of measured forces too) and commands.
 
     Stretches of the training recordings are simulated anew from their own states, noise is added, and they go
     through smoothing, cutting and whitening like the real ones.
+
+    Args:
+        shaken: the `force_noise` of these recordings, where it is known already.
     """
     sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
     w = prepared.windows(held=False, duration=SEGMENT, limit=limit, seed=5)
     if not w.count or w.times.shape[1] < 14:
         return Floor()
-    shaken = force_noise(prepared)
+    shaken = force_noise(prepared) if shaken is None else shaken
     segments = [r for r in _simulated(prepared, f, w, shaken, rng) if r.time.size >= 14]
     if not segments:
         return Floor()

@@ -257,7 +257,8 @@ def _build_search(p: Prepared, say: _Progress) -> Search:
     terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
     terms = [t for t in terms if _visible(p, t)]
     limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
-    calibrated = partial(floor, p) if force_noise(p).any() else None
+    shaken = force_noise(p)
+    calibrated = partial(floor, p, shaken=shaken) if shaken.any() else None
     return Search(
         p.sim, p.noise, train, held, terms, c.seed, say, max_terms=limit, typical=typical, floor=calibrated
     )

@@ -45,9 +45,7 @@ def _simpler(s: Search, current: Fitted) -> list[Fitted]:
     parts = current.hypothesis.split(ctx, current.theta)
     centres = current.hypothesis.split(ctx, current.centre)
     out = []
-    for t in current.hypothesis.terms:
-        if t not in weakest:
-            continue
+    for t in (t for t in current.hypothesis.terms if t in weakest):
         h = current.hypothesis.without(t)
         if h.terms:
             out.append(Fitted(h, h.gather(ctx, parts), h.gather(ctx, centres)))

@@ -95,8 +95,15 @@ def follows(model: mujoco.MjModel) -> np.ndarray:
 
 def _source(r: Recording, states: States, plain: mujoco.MjModel, measured: np.ndarray) -> Source:
     command = _command(r, measured)
-    smooth = command - np.cumsum(servo_jumps(r, states, plain), axis=0)
+    smooth = _smooth_part(r, states, command, plain, np.ones(plain.nu))
     return Source.build(r, states, command, np.where(measured & follows(plain), smooth, 0.0))
+
+
+def _smooth_part(
+    r: Recording, states: States, command: np.ndarray, plain: mujoco.MjModel, share: np.ndarray
+) -> np.ndarray:
+    """Measured forces [T, nu] less the jumps that they make at rows. share: [nu] of the model's `servo_jumps`."""
+    return command - np.cumsum(share * servo_jumps(r, states, plain), axis=0)
 
 
 def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> np.ndarray:
@@ -146,7 +153,7 @@ def with_drives(
     plain: mujoco.MjModel,
     lag: set[int],
     back_emf: dict[int, float],
-    share: dict[int, float] | None = None,
+    share: dict[int, float],
 ) -> Prepared:
     """The same with measured forces read as what drives them makes of them: a lagging motor's force is not held
     between rows, nor is the part of a motor's force that its speed takes away.
@@ -157,13 +164,11 @@ def with_drives(
     """
     continuous = follows(plain)
     continuous[list(lag)] = True
+    shares = np.array([share.get(a, 1.0) for a in range(plain.nu)])
 
     def again(s: Source) -> Source:
-        jumps = servo_jumps(s.recording, s.states, plain)
-        for a, factor in (share or {}).items():
-            jumps[:, a] *= factor
-        jumps[:, list(lag)] = 0.0
-        smooth = np.where(p.measured & continuous, s.command - np.cumsum(jumps, axis=0), 0.0)
+        smooth = _smooth_part(s.recording, s.states, s.command, plain, shares)
+        smooth = np.where(p.measured & continuous, smooth, 0.0)
         for a, gain in back_emf.items():
             if not continuous[a]:
                 held = gain * np.nan_to_num(s.recording.known("ctrl")[:, a])
