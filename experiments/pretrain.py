@@ -1,8 +1,9 @@
 """Trains sets of source policies: `python -m experiments.pretrain --task HalfCheetah --kind MS`.
 
 All seeds of an MS set are one vmapped compiled program. An ER set is a sequence: each policy is rewarded for the mean
-entropy of those before it (the first of them is the MS set's first, which is trained the same way). Interrupted runs
-go on where they stopped.
+entropy of those before it (the first of them is the MS set's first, which is trained the same way). Of each policy
+the best moment of its training is kept, by deterministic episodes in the source. Interrupted runs go on where they
+stopped.
 """
 
 import dataclasses
@@ -14,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import flax.struct
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,11 +23,14 @@ import tyro
 
 import envs
 from mpge_jax import agent, loop, policies
-from mpge_jax.agent import AgentConfig
+from mpge_jax.agent import AgentConfig, AgentState
 from mpge_jax.policies import PolicySet
-from mpge_jax.sac import SACConfig
+from mpge_jax.sac import SACConfig, SACState
 
 EPISODES = 50
+# A policy that hops swings between hardly and very well as it learns: which moment to keep is looked up this often.
+ITERATIONS_BETWEEN_TRIALS = 16
+TRIAL_EPISODES = 20
 
 # Chosen for two cores: small batches with high learning rates, four fresh transitions an update.
 _FAST = SACConfig(actor_lr=1e-3, critic_lr=1e-3, alpha_lr=1e-3, batch_size=128)
@@ -34,7 +39,23 @@ CONFIGS = {
     "Hopper": AgentConfig(sac=_FAST, buffer_capacity=300_000),
     "InvertedPendulum": AgentConfig(sac=_FAST, buffer_capacity=100_000, random_steps=1_000),
 }
-UPDATES = {"HalfCheetah": 63_744, "Hopper": 47_872, "InvertedPendulum": 12_000}
+UPDATES = {"HalfCheetah": 63_744, "Hopper": 119_808, "InvertedPendulum": 12_000}
+
+
+class Training(flax.struct.PyTreeNode):
+    """`M` policies in training, and each one's best moment so far.
+
+    Attributes:
+      agents: the trainings `[M, ...]`.
+      best: learners `[M, ...]` as they were at their best trial.
+      best_return: mean return of that trial `[M]`, -inf before the first.
+      iteration: iterations done.
+    """
+
+    agents: AgentState
+    best: SACState
+    best_return: jax.Array
+    iteration: jax.Array
 
 
 @dataclass(frozen=True)
@@ -68,6 +89,9 @@ def train(args: Args, folder: Path) -> tuple[PolicySet, dict[str, Any]]:
     config = CONFIGS[args.task]
     updates = UPDATES[args.task] if args.updates is None else args.updates
     iterations = -(-updates // config.updates_per_iteration)
+    if iterations < ITERATIONS_BETWEEN_TRIALS:
+        least = ITERATIONS_BETWEEN_TRIALS * config.updates_per_iteration
+        raise ValueError(f"updates must be at least {least}, when a policy is first tried; got {updates}.")
     started = time.time()
     keys = jax.random.split(jax.random.key(args.seed), args.count)
     train_set = _train_ms if args.kind == "MS" else _train_er
@@ -80,6 +104,7 @@ def train(args: Args, folder: Path) -> tuple[PolicySet, dict[str, Any]]:
         "env_steps": config.random_steps + iterations * config.env_steps_per_iteration,
         "entropy_coefficient": args.entropy_coefficient if args.kind == "ER" else 0.0,
         "config": dataclasses.asdict(config),
+        "kept": f"best of {iterations // ITERATIONS_BETWEEN_TRIALS} trials of {TRIAL_EPISODES} episodes in the source",
         "seconds_of_last_run": round(time.time() - started),
         "machine": f"{platform.machine()}, {jax.default_backend()}, jax {jax.__version__}",
     }
@@ -98,15 +123,48 @@ def returns_of(result: PolicySet, env: envs.Env, config: SACConfig, seed: int) -
     return measured
 
 
+def begin(agents: AgentState) -> Training:
+    """The start of a training whose agents `[M, ...]` have not learned yet."""
+    # Copied: both are donated to the first iteration.
+    best = jax.tree.map(jnp.copy, agents.learner)
+    return Training(agents, best, jnp.full(agents.last_return.shape[0], -jnp.inf), jnp.zeros((), jnp.int32))
+
+
+def iterate(
+    state: Training, env: envs.Env, config: AgentConfig, bonus: agent.RewardBonus | None = None
+) -> tuple[Training, dict[str, jax.Array]]:
+    """One iteration of every agent, and a trial of each where one is due; metrics `[M]` with `best_return`."""
+    agents, metrics = jax.vmap(lambda one: agent.iterate(one, env, config, bonus))(state.agents)
+    iteration = state.iteration + 1
+
+    def trial(best: SACState, best_return: jax.Array) -> tuple[SACState, jax.Array]:
+        # The same starts every time, so that moments differ by the policy alone.
+        returns = jax.vmap(
+            lambda actor: agent.evaluate(jax.random.key(0), env, actor, config.sac, TRIAL_EPISODES).mean()
+        )(agents.learner.actor)
+        better = returns > best_return
+        best = jax.tree.map(
+            lambda new, old: jnp.where(better.reshape(better.shape + (1,) * (new.ndim - 1)), new, old),
+            agents.learner,
+            best,
+        )
+        return best, jnp.where(better, returns, best_return)
+
+    best, best_return = jax.lax.cond(
+        iteration % ITERATIONS_BETWEEN_TRIALS == 0, trial, lambda *kept: kept, state.best, state.best_return
+    )
+    return Training(agents, best, best_return, iteration), {**metrics, "best_return": best_return}
+
+
 def _train_ms(
     args: Args, env: envs.Env, config: AgentConfig, keys: jax.Array, iterations: int, folder: Path
 ) -> PolicySet:
-    init = jax.jit(jax.vmap(lambda key: agent.init(key, env, config)))
-    update = jax.jit(jax.vmap(lambda state: agent.iterate(state, env, config)), donate_argnums=0)
+    init = jax.jit(lambda keys: begin(jax.vmap(lambda key: agent.init(key, env, config))(keys)))
+    update = jax.jit(lambda state: iterate(state, env, config), donate_argnums=0)
     state, _ = loop.run(
         update, init(keys), iterations, **_loop_options(args, folder / f"{args.task}-MS", "MS", config)
     )
-    return policies.from_learners(state.learner)
+    return policies.from_learners(state.best)
 
 
 def _train_er(
@@ -120,24 +178,25 @@ def _train_er(
     def bonus(obs: jax.Array, earlier: PolicySet, weights: jax.Array) -> jax.Array:
         return args.entropy_coefficient * policies.mean_entropy(earlier, weights, obs, config.sac)
 
-    init = jax.jit(
-        lambda key, earlier, weights: agent.init(key, env, config, bonus=lambda o: bonus(o, earlier, weights))
-    )
-    iterate = jax.jit(
-        lambda state, earlier, weights: agent.iterate(
-            state, env, config, lambda o: bonus(o, earlier, weights)
-        ),
-        donate_argnums=0,
-    )
+    def start(key: jax.Array, earlier: PolicySet, weights: jax.Array) -> Training:
+        new = agent.init(key, env, config, bonus=lambda o: bonus(o, earlier, weights))
+        return begin(jax.tree.map(lambda x: x[None], new))
+
+    def update(
+        state: Training, earlier: PolicySet, weights: jax.Array
+    ) -> tuple[Training, dict[str, jax.Array]]:
+        return iterate(state, env, config, lambda o: bonus(o, earlier, weights))
+
+    compiled_start, compiled_update = jax.jit(start), jax.jit(update, donate_argnums=0)
     for index in range(1, args.count):
         weights = (jnp.arange(args.count) < index).astype(jnp.float32)
         state, _ = loop.run(
-            partial(iterate, earlier=padded, weights=weights),
-            init(keys[index], padded, weights),
+            partial(compiled_update, earlier=padded, weights=weights),
+            compiled_start(keys[index], padded, weights),
             iterations,
             **_loop_options(args, folder / f"{args.task}-ER-{index}", f"ER {index + 1}/{args.count}", config),
         )
-        new = policies.from_learners(jax.tree.map(lambda x: x[None], state.learner))
+        new = policies.from_learners(state.best)
         done = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), done, new)
         padded = jax.tree.map(lambda all_, one, i=index: all_.at[i].set(one[0]), padded, new)
     return done
@@ -153,7 +212,7 @@ def _loop_options(args: Args, folder: Path, label: str, config: AgentConfig) -> 
         "folder": folder,
         "identity": identity,
         "seconds_between_checkpoints": 120.0,
-        "note": lambda metrics: f"return {np.round(np.nanmean(metrics['return']), 1)}",
+        "note": lambda metrics: f"best {np.round(metrics['best_return'])}, now {np.round(metrics['return'])}",
         "quiet": args.quiet,
     }
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.stats import mannwhitneyu, norm
 
 from mpge_jax.diagnosis.coarse import states_as_measured
 from mpge_jax.diagnosis.fit import Fitted
@@ -23,23 +24,35 @@ Array = np.ndarray
 SEGMENT = 0.8
 EXCESS = 0.5
 """Relative chi^2 above the floor that counts as structure."""
+DOUBT = 3.0
+"""Standard errors by which it must exceed the floor."""
 
 
 @dataclass(frozen=True)
 class Floor:
-    """What a true hypothesis would leave: mean and standard error of the windows' loss, and the root-mean-square
-    error relative to `verdict.noise_floor`, which takes start state and measurements for independent (they are not:
-    the state was smoothed from the same measurements) and knows nothing of noise in measured forces."""
+    """What a true hypothesis would leave.
+
+    Attributes:
+        loss, error: mean of the windows' losses and its standard error. losses: [W] those losses.
+        ratio: root-mean-square error relative to `verdict.noise_floor`, which takes start state and measurements for
+            independent (they are not: the state was smoothed from the same measurements) and knows nothing of noise
+            in measured forces.
+    """
 
     loss: float = 1.0
     error: float = 0.05
     ratio: float = 1.0
+    losses: Array = field(default_factory=lambda: np.zeros(0))
 
     def exceeded(self, losses: Array) -> bool:
-        """Whether windows with these losses [W] show more than a true hypothesis would leave."""
+        """Whether windows with these losses [W] show more than that: by their mean, or by their ranks where they
+        scatter widely."""
         excess = float(losses.mean()) - max(self.loss, 1.0)
         error = float(losses.std() / np.sqrt(max(losses.size, 1)))
-        return bool(excess > EXCESS and excess > 3.0 * np.hypot(error, self.error))
+        beyond = excess > DOUBT * np.hypot(error, self.error)
+        if not beyond and self.losses.size and losses.size:
+            beyond = mannwhitneyu(losses, self.losses, alternative="greater").pvalue < norm.sf(DOUBT)
+        return bool(excess > EXCESS and beyond)
 
 
 def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int = 16) -> Floor:
@@ -79,7 +92,7 @@ def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int
     got = np.nanmean(positions[seen] ** 2, axis=(1, 2))
     ratio = float(np.sqrt(np.median(got / np.maximum(expected[seen], 1e-300)))) if seen.any() else 1.0
     ratio = ratio if shaken.any() else min(ratio, 1.0)
-    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio)
+    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio, loss)
 
 
 def force_noise(prepared: Prepared) -> Array:

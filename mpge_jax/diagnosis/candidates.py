@@ -16,6 +16,7 @@ EXCLUSIVE = (
         "load_dependent_friction:gear",
         "asymmetric_friction",
     ),
+    ("viscous_damping", "viscous_damping:explicit"),
     ("actuator_gain", "dead_actuator"),
     ("actuator_bias", "actuator_bias:reclipped"),
     ("backlash", "joint_flexibility"),

@@ -16,16 +16,17 @@ MAX_SAMPLES = 1500
 
 def inverse_samples(
     model: mujoco.MjModel, sources: tuple[Source, ...], limit: int = MAX_SAMPLES
-) -> tuple[Samples, Array, Array, Array]:
+) -> tuple[Samples, Array, Array, Array, Array]:
     """Generalised forces along the smoothed motion at evenly spread rows.
 
     Returns:
-        samples; needed [S, nv] force that the motion needs; actuator forces [S, nu]; accelerations [S, nv].
+        samples; needed [S, nv] force that the motion needs; actuator forces [S, nu]; accelerations [S, nv];
+        speeds [S, nbody] of the bodies' centres of mass.
     """
     data = mujoco.MjData(model)
     total = sum(max(s.recording.time.size - 2, 0) for s in sources)
     stride = max(1, total // limit)
-    q, v, a, residual, needed, drive = [], [], [], [], [], []
+    q, v, a, residual, needed, drive, speed = [], [], [], [], [], [], []
     for s in sources:
         for row in range(1, s.recording.time.size - 1, stride):
             data.qpos[:], data.qvel[:] = s.states.qpos[row], s.states.qvel[row]
@@ -39,6 +40,8 @@ def inverse_samples(
             needed.append(data.qfrc_inverse.copy())
             drive.append(data.actuator_force.copy())
             residual.append(data.qfrc_inverse - data.qfrc_actuator)
+            arm = data.xipos - data.subtree_com[model.body_rootid]
+            speed.append(np.linalg.norm(data.cvel[:, 3:] + np.cross(data.cvel[:, :3], arm), axis=1))
     samples = Samples(
         np.array(q).reshape(-1, model.nq),
         np.array(v).reshape(-1, model.nv),
@@ -49,6 +52,7 @@ def inverse_samples(
         np.array(needed).reshape(-1, model.nv),
         np.array(drive).reshape(-1, model.nu),
         np.array(a).reshape(-1, model.nv),
+        np.array(speed).reshape(-1, model.nbody),
     )
 
 
@@ -63,7 +67,7 @@ def _rms(x: Array, floor: float) -> Array:
 def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ...]) -> Context:
     """Scales of forces, speeds and ranges for this model and these recordings."""
     base = nominal_context(model)
-    samples, needed, drive, acceleration = inverse_samples(model, sources)
+    samples, needed, drive, acceleration, body_speed = inverse_samples(model, sources)
     weight = float(np.linalg.norm(model.opt.gravity)) * base.mass
     scale = _rms(needed, 1e-6)
     if len(drive):
@@ -85,6 +89,7 @@ def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ..
         names=names,
         torque=np.maximum(scale, max(floor, 1e-6)),
         speed=_rms(samples.v, 1e-4),
+        body_speed=_rms(body_speed, 1e-4),
         travel=np.maximum(travel_dof, 1e-4),
         acceleration=_rms(acceleration, 1e-3),
         drive=np.maximum(largest, max(1e-3 * float(np.max(largest, initial=0.0)), 1e-6)),

@@ -23,13 +23,14 @@ from mpge_jax.diagnosis.finish import final_fit, prune
 from mpge_jax.diagnosis.fit import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.prepare import Prepared, prepare, with_drives
+from mpge_jax.diagnosis.prepare import Prepared, is_servo, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
 from mpge_jax.diagnosis.recording import Recording, validate
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
 from mpge_jax.diagnosis.search import search
 from mpge_jax.diagnosis.select import Rival, Scored, Search
 from mpge_jax.diagnosis.simulate import Run, Simulator
+from mpge_jax.diagnosis.staleness import staleness
 from mpge_jax.diagnosis.telling import telling_windows
 from mpge_jax.diagnosis.verdict import (
     LEFT,
@@ -190,7 +191,10 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     ids = [i for i, e in REGISTRY.items() if e.side == "actuator" and (c.effects is None or i in c.effects)]
     actuators = diagnose_actuators(p, plain, ids)
     if actuators is not None:
-        p = with_drives(p, plain, *actuators.between_rows())
+        drives = actuators.between_rows()
+        p = with_drives(p, plain, *drives)
+        servos = [a for a in np.flatnonzero(p.measured) if is_servo(plain, a)]
+        p = with_drives(p, plain, *drives, age=staleness(p, servos))
     s = _build_search(p, say)
     if progress is not None:
         resume.attach(s, p, progress)

@@ -11,6 +11,9 @@ EVIDENCE, STRONG = 6.0, 15.0
 for its mean gain to stand out (see `strong`)."""
 BALANCE = 4.0
 """How many times the gains must outweigh the losses then."""
+ORDINARY, OUTLYING, SEVERAL = 1.15, 8.0, 3
+"""Median loss where all but a few windows show noise alone, deviations from it by which a window stands out, and how
+many such windows are no accident."""
 
 
 def strong(gain: Array, total: Array) -> bool:
@@ -24,6 +27,37 @@ def strong(gain: Array, total: Array) -> bool:
     up, down = (np.maximum(s * gain, 0.0).sum() for s in (1.0, -1.0))
     spread = total.sum() - total.max(initial=0.0)
     return bool(gain.sum() > STRONG and spread > STRONG and up > BALANCE * down)
+
+
+def stand_out(losses: Array) -> Array:
+    """Which windows [W] stand out from others that show nothing but noise; none where those show more."""
+    middle = float(np.median(losses))
+    scatter = 1.4826 * float(np.median(np.abs(losses - middle)))
+    if middle > ORDINARY:
+        return np.zeros(losses.shape, bool)
+    return losses > middle + OUTLYING * scatter
+
+
+def rare(worse: Array, better: Array, fitted: int = 0) -> bool:
+    """Whether `better` explains most of what stands out under `worse`, in several windows, and spoils no others.
+
+    Args:
+        worse, better: losses [W]. fitted: how many of the windows, the first ones, `better` was fitted to; it must
+            explain at least one of the others.
+
+    An effect that acts in one window of forty (a motor that seldom saturates) hardly moves a mean, but where all
+    else is at the noise, the windows in which it acts are many deviations away from it.
+    """
+    out = stand_out(worse)
+    if out.sum() < SEVERAL:
+        return False
+    gain, middle = worse - better, float(np.median(worse))
+    explained = out & (gain > 0.5 * (worse - middle))
+    return bool(
+        explained.sum() >= max(SEVERAL, 0.75 * out.sum())
+        and explained[fitted:].any()
+        and gain[out].sum() > BALANCE * np.maximum(-gain, 0.0).sum()
+    )
 
 
 def deviations(gain: Array) -> float:

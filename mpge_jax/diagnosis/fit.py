@@ -13,6 +13,8 @@ from mpge_jax.diagnosis.whiten import Whitener, robust_loss
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
+FURTHER = (3.0, 8.0)
+"""Lengths of the further steps that are tried in machines with contacts, in units of the proposed one."""
 
 
 def _nothing() -> Array:
@@ -113,7 +115,9 @@ def fit(
             break
         trials: list[tuple[_Problem, Array]] = []
         for p in active:
-            trials += [(p, t) for t in [*_proposals(p, w), *_without_slopes(p)]]
+            steps = _proposals(p, w)
+            steps += [x for t in steps[:1] for x in beyond(p, t, ctx)]
+            trials += [(p, t) for t in [*steps, *_without_slopes(p)]]
         res = sim.residuals([Run(p.fit.hypothesis, t) for p, t in trials], w)
         improved = []
         for p in active:
@@ -178,6 +182,13 @@ def _proposals(p: _Problem, w: Windows) -> list[Array]:
         if np.isfinite(theta).all():
             out.append(theta)
     return out
+
+
+def beyond(p: _Problem, theta: Array, ctx: Context) -> list[Array]:
+    """Further points in the direction of a proposal, where contacts make the linear model a short-sighted one: a few
+    windows with impacts have slopes so steep that they alone set the length of the step."""
+    low, high = _bounds(p.params)
+    return [np.clip(p.fit.theta + k * (theta - p.fit.theta), low, high) for k in FURTHER if ctx.contacts]
 
 
 def _without_slopes(p: _Problem) -> list[Array]:

@@ -41,32 +41,33 @@ def noise_level(time: Array, value: Array) -> float:
     return float(np.mean([x for x in levels if x <= 1.15 * least]))
 
 
-def quantum(value: Array) -> float:
-    """Step of a quantised signal, 0 when there is none that matters."""
-    steps = np.abs(np.diff(value))
-    steps = steps[steps > 1e-12 * max(1.0, float(np.abs(value).max()))]
-    if steps.size < 8:
+def quantum(values: list[Array]) -> float:
+    """Step of a signal that was quantised in the same way in all recordings, 0 when there is none that matters."""
+    steps = np.concatenate([np.abs(np.diff(v)) for v in values])
+    largest = max(float(np.abs(v).max(initial=0.0)) for v in values)
+    moves = steps[steps > 1e-12 * max(1.0, largest)]
+    if moves.size < 8:
         return 0.0
-    q = float(np.quantile(steps, 0.01))
-    ratio = steps / q
+    q = float(np.quantile(moves, 0.01))
+    ratio = moves / q
     error = np.abs(ratio - np.round(ratio))
-    single = float(np.spacing(np.float32(np.abs(value).max())))
-    if q <= 4 * single:
+    single = float(np.spacing(np.float32(largest)))
+    if q <= 4 * single or np.mean(error < 0.02 + single / q) < 0.97:
         return 0.0
-    return q if np.mean(error < 0.02 + single / q) > 0.97 and ratio.max() > 1.5 else 0.0
+    # equal steps are those of an encoder where it rests between them, else of an even motion
+    return q if ratio.max() > 1.5 or moves.size < 0.5 * steps.size else 0.0
 
 
 def column_noise(times: list[Array], values: list[Array]) -> tuple[float, float]:
     """(noise deviation including quantisation, quantum) of one column over several recordings."""
-    levels, quanta = [], []
+    levels, known = [], []
     for t, v in zip(times, values, strict=True):
         t, v = t[np.isfinite(v)], v[np.isfinite(v)]
-        if not v.size:
-            continue
-        levels.append(noise_level(t, v))
-        quanta.append(quantum(v))
+        if v.size:
+            levels.append(noise_level(t, v))
+            known.append(v)
     levels = [x for x in levels if np.isfinite(x)]
     if not levels:
         return float("nan"), 0.0
-    level, q = float(np.median(levels)), float(np.median(quanta))
+    level, q = float(np.median(levels)), quantum(known)
     return max(level, q / np.sqrt(12)), q

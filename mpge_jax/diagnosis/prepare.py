@@ -117,10 +117,15 @@ def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> np.ndarr
         return out
     before = np.concatenate([r.ctrl[:1], r.ctrl[:-1]])
     for a in range(plain.nu):
-        if plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and has_plain_law(plain, a):
+        if is_servo(plain, a):
             out[:, a] = plain_force(plain, a, r.ctrl, states) - plain_force(plain, a, before, states)
     # a force that was not measured is a straight line between its neighbours
     return np.where(np.isfinite(r.known("force")), out, 0.0)
+
+
+def is_servo(plain: mujoco.MjModel, a: int) -> bool:
+    """Whether an actuator drives its joint to a position or a speed, by a plain law."""
+    return bool(plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and has_plain_law(plain, a))
 
 
 def has_plain_law(plain: mujoco.MjModel, a: int) -> bool:
@@ -154,13 +159,14 @@ def with_drives(
     lag: set[int],
     back_emf: dict[int, float],
     share: dict[int, float],
+    age: float = 0.0,
 ) -> Prepared:
     """The same with measured forces read as what drives them makes of them: a lagging motor's force is not held
     between rows, nor is the part of a motor's force that its speed takes away.
 
     Args:
         plain: the nominal model. lag: actuators. back_emf: actuator -> force per command. share: actuator -> share of
-            the model's `servo_jumps` that its force makes (1 where it is not listed).
+            the model's `servo_jumps` that its force makes (1 where it is not listed). age: `staleness` (s).
     """
     continuous = follows(plain)
     continuous[list(lag)] = True
@@ -173,7 +179,7 @@ def with_drives(
             if not continuous[a]:
                 held = gain * np.nan_to_num(s.recording.known("ctrl")[:, a])
                 smooth[:, a] = s.command[:, a] - held
-        return Source.build(s.recording, s.states, s.command, smooth)
+        return Source.build(s.recording, s.states, s.command, smooth, age)
 
     return replace(
         p,

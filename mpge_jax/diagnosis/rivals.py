@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.effects.base import Context, Place
-from mpge_jax.diagnosis.evidence import EVIDENCE, standard_error
+from mpge_jax.diagnosis.evidence import EVIDENCE, rare, standard_error
 from mpge_jax.diagnosis.fit import Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_joint_transmission
@@ -20,6 +20,7 @@ SPECIAL_CASES = {
     ),
     "actuator_bias": ("actuator_bias:reclipped",),
     "viscous_damping": ("asymmetric_friction",),
+    "viscous_damping:explicit": ("asymmetric_friction",),
     "dead_actuator": ("actuator_gain", "torque_saturation", "actuator_deadzone"),
 }
 """Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
@@ -112,6 +113,10 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
     if margin > max(2.0 * error, TIE):
         return Rival(
             other, rival.fit, margin, error, f"its prediction error is {margin / error:.0f} deviations larger"
+        )
+    if rare(rival.losses, best.losses):
+        return Rival(
+            other, rival.fit, margin, error, "it misses the few moments at which something is missing"
         )
     if other.place == term.place and other.id in SPECIAL_CASES.get(term.id, ()):
         why = f"it contains {term.name.replace('_', ' ')} as a special case and gains nothing by its further parameters"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Context, Place
-from mpge_jax.diagnosis.fit import Fitted, _Problem, _proposals, prior_loss
+from mpge_jax.diagnosis.fit import Fitted, _Problem, _proposals, beyond, prior_loss
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.whiten import Whitener, robust_loss
@@ -118,7 +118,8 @@ def _quick_fits(
     for term, entries in promised.items():
         for promise, index, steps_to in sorted(entries, key=lambda e: e[0])[:STARTS]:
             if term.effect.jagged or promise < before - PROMISING * min(before, 3.0):
-                trials += [(index, t) for t in steps_to]
+                further = [x for t in steps_to[:1] for x in beyond(problems[index][1], t, ctx)]
+                trials += [(index, t) for t in [*steps_to, *further]]
     outcome = _whitened(sim, [Run(problems[i][1].fit.hypothesis, t) for i, t in trials], w, white)
     for (i, theta), r in zip(trials, outcome, strict=True):
         p = problems[i][1]

@@ -9,7 +9,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.calibrate import Floor
 from mpge_jax.diagnosis.candidates import compatible
-from mpge_jax.diagnosis.evidence import EVIDENCE, deviations, standard_error, strong
+from mpge_jax.diagnosis.evidence import EVIDENCE, SEVERAL, deviations, rare, stand_out, standard_error, strong
 from mpge_jax.diagnosis.fit import Fitted, evaluate, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.screen import ELABORATE, screen
@@ -175,15 +175,17 @@ class Search:
         return ranked, scored[-1]
 
     def at_noise(self, base: Fitted, white: Whitener) -> bool:
-        """Whether training (under `white`) and held-out windows show nothing but noise."""
+        """Whether training (under `white`) and held-out windows show nothing but noise, and none stands out."""
+        outlying = 0
         for w in (self.train, self.held):
             white = white if w is self.train else self.whiten_one(base, w)
             x = evaluate(self.sim, [base], w, white)[0].x
             limit = SETTLED if base.hypothesis.terms else QUIET
+            outlying += int(stand_out(robust_loss(x)).sum())
             # a tempered whitener, or an overestimated noise, says nothing
             if white.factor != 1.0 or np.median(x) < 0.5 or robust_loss(x).mean() > limit:
                 return self._at_floor(base)
-        return True
+        return outlying < SEVERAL
 
     def _at_floor(self, base: Fitted) -> bool:
         """Whether `base`, which has effects, leaves no more than it would if it were true."""
@@ -242,6 +244,8 @@ class Search:
         # the first effect must not be an accident; beside one, held-out windows are dominated by what is still missing
         first = not old.fit.hypothesis.terms
         beyond = deviations(gain) > (doubt if first else 0.6 * doubt) and deviations(total) > doubt
+        if rare(old.losses, new.losses, new.train.size):
+            return True
         relevant = total.mean() > 0.05 * min(1.0, old.losses.mean())
         return bool(relevant and ((beyond and gain.sum() > EVIDENCE) or strong(gain, total)))
 
@@ -289,6 +293,7 @@ def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
 
 
 def clearly_worse(a: Scored, best: Scored) -> bool:
-    """Whether `a` loses to the best by more than two standard errors (paired by window) and more than a tie."""
+    """Whether `a` loses to the best by more than two standard errors (paired by window) and more than a tie, or misses
+    what acts rarely."""
     d = a.losses - best.losses
-    return bool(d.mean() > max(2.0 * standard_error(d), TIE))
+    return bool(d.mean() > max(2.0 * standard_error(d), TIE)) or rare(a.losses, best.losses)

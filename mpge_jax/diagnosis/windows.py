@@ -21,23 +21,29 @@ class Source:
 
     Attributes:
         command: [T, nu] what drives the actuators (commands, or measured forces).
+        smooth: [T, nu] the part of it that changes between rows and is not held.
         integral: [T, nu] its running integral, for means over steps.
     """
 
     recording: Recording
     states: States
     command: Array
+    smooth: Array
     integral: Array
 
     @staticmethod
-    def build(recording: Recording, states: States, command: Array, smooth: Array | None = None) -> Source:
+    def build(
+        recording: Recording, states: States, command: Array, smooth: Array | None = None, age: float = 0.0
+    ) -> Source:
         """`smooth` [T, nu]: the part of the command that changes between rows (all of a servo's measured force) and
-        is not held."""
+        is not held; it acts `age` (s) late."""
         smooth = np.zeros_like(command) if smooth is None else smooth
-        mean = (command - smooth)[:-1] + 0.5 * (smooth[:-1] + smooth[1:])
+        t = recording.time
+        late = np.stack([np.interp(t - age, t, column) for column in smooth.T], 1) if age else smooth
+        mean = (command - smooth)[:-1] + 0.5 * (late[:-1] + late[1:])
         steps = np.diff(recording.time)[:, None] * mean
         integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(steps, 0)])
-        return Source(recording, states, command, integral)
+        return Source(recording, states, command, smooth, integral)
 
     def mean_command(self, edges: Array) -> Array:
         """Mean command [L, nu] over the steps between consecutive times `edges` [L + 1]."""

@@ -12,11 +12,11 @@ from machines import ARM, PENDULUM, record
 from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis import select as selection
 from mpge_jax.diagnosis.actuator_side import diagnose_actuators
-from mpge_jax.diagnosis.calibrate import floor
+from mpge_jax.diagnosis.calibrate import Floor, floor
 from mpge_jax.diagnosis.coarse import is_coarse
 from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.effects.base import Param, Place
-from mpge_jax.diagnosis.evidence import deviations, strong
+from mpge_jax.diagnosis.evidence import deviations, rare, stand_out, strong
 from mpge_jax.diagnosis.finish import final_fit, prune
 from mpge_jax.diagnosis.fit import Fitted, timing_error
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
@@ -74,6 +74,29 @@ def test_one_window_is_no_evidence_and_neither_is_chaos():
     one[0] = 40.0
     chaos[:8] = [20, 15, 10, 5, -4, -6, -8, -3]
     assert not strong(one, one) and not strong(chaos, chaos)
+
+
+def test_windows_that_stand_out_of_the_noise_are_evidence_for_what_acts_rarely():
+    noise = 1.0 + 0.06 * np.random.default_rng(0).standard_normal(77)
+    worse = noise.copy()
+    worse[[3, 39, 60]] = [2.4, 2.7, 3.0]
+    assert set(np.flatnonzero(stand_out(worse))) == {3, 39, 60} and not stand_out(noise).any()
+    assert deviations(worse - noise) < 3 and rare(worse, noise, fitted=40)
+    # nothing that was not fitted is explained, one of three only, or others are spoiled instead
+    assert not rare(worse, np.where(np.arange(77) < 40, noise, worse), fitted=40)
+    assert not rare(worse, np.where(np.arange(77) == 60, noise, worse), fitted=40)
+    assert not rare(worse, noise + 2.0 * (np.arange(77) % 20 == 5), fitted=40)
+    # where much is missing everywhere, large losses are nothing special
+    assert not stand_out(5.0 * worse).any() and not rare(5.0 * worse, 5.0 * noise)
+
+
+def test_what_scatters_widely_exceeds_the_floor_by_ranks():
+    expected = 0.9 + 0.05 * np.random.default_rng(0).standard_normal(32)
+    floor_of = Floor(0.9, 0.01, 1.0, expected)
+    losses = np.concatenate([np.linspace(0.9, 1.3, 50), np.geomspace(2, 40, 8)])
+    assert (losses.mean() - 1.0) < 3.0 * losses.std() / np.sqrt(losses.size)
+    assert floor_of.exceeded(losses) and not Floor(0.9, 0.01).exceeded(losses)
+    assert not floor_of.exceeded(expected)
 
 
 def test_ranks_see_what_spoiled_windows_blur():

@@ -27,22 +27,29 @@ VALUES = {
     "actuator_delay": [0.011], "actuator_lag": [0.03], "back_emf": [0.05],
     "payload_mass": [0.2, 0.02, 0.01, -0.3], "mass_scale": [1.3], "com_offset": [0.02, 0.0, 0.03],
     "gravity_tilt": [0.1, -0.05], "external_force": [0.4, 0.0, -0.3], "contact_friction": [0.3],
-    "load_dependent_friction:gear": [0.02, 0.1], "actuator_bias:reclipped": [0.2],
+    "load_dependent_friction:gear": [0.02, 0.1], "viscous_damping:explicit": [0.08], "actuator_bias:reclipped": [0.2],
     "contact_stiffness": [0.05], "encoder_offset": [0.04], "sensor_delay": [0.005],
 }  # fmt: skip
 # Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
 # takes polynomial damping implicitly, and contact solvers start from another guess.
 EXPORTED = {
     "actuator_lag": 2e-3, "actuator_delay": 2e-3, "quadratic_drag": 2e-4, "contact_friction": 1e-4,
-    "contact_stiffness": 1e-4,
+    "contact_stiffness": 1e-4, "viscous_damping:explicit": 1e-2,
 }  # fmt: skip
 EVERY = tuple(VALUES)
 """The vocabulary and the second forms of some of its effects."""
 CONTACT = ("contact_friction", "contact_stiffness")
 
 
+def model_for(effect_id: str) -> str:
+    """A machine on which the effect can act."""
+    if effect_id == "viscous_damping:explicit":
+        return PENDULUM.replace('timestep="0.002"', 'timestep="0.008"')
+    return BOX if effect_id in CONTACT else PENDULUM
+
+
 def machine(effect_id: str, xml: str | None = None) -> Machine:
-    xml = xml or (BOX if effect_id in CONTACT else PENDULUM)
+    xml = xml or model_for(effect_id)
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
     effect = REGISTRY[effect_id]
     term = Term(effect_id, effect.places(ctx)[0])
@@ -95,7 +102,7 @@ def test_every_effect_changes_the_motion(effect_id):
 @pytest.mark.parametrize("effect_id", EVERY)
 def test_native_export_moves_like_the_effect(effect_id):
     m = machine(effect_id)
-    spec = mujoco.MjSpec.from_string(BOX if effect_id in CONTACT else PENDULUM)
+    spec = mujoco.MjSpec.from_string(model_for(effect_id))
     spec.compile()
     if not m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0]):
         assert effect_id in (
@@ -185,7 +192,7 @@ def test_batched_windows_agree_with_single_steps(effect_id):
     from mpge_jax.diagnosis.simulate import Run, Simulator
     from mpge_jax.diagnosis.windows import Source, Windows
 
-    m = machine(effect_id, ARM if effect_id in ("payload_mass", "com_offset", "external_force") else PENDULUM)
+    m = machine(effect_id, ARM if effect_id in ("payload_mass", "com_offset", "external_force") else None)
     model, steps = m.ctx.model, 40
     dt, nu = float(model.opt.timestep), model.nu
     q0, v0 = np.full(model.nq, 0.4), np.full(model.nv, 0.3)

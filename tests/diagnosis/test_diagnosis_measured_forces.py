@@ -14,6 +14,7 @@ from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare, servo_jumps, with_drives
 from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.staleness import staleness
 from mpge_jax.diagnosis.states import States
 
 SERVO = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="arm">
@@ -78,6 +79,44 @@ def test_a_servo_that_is_as_modelled_seems_to_lack_no_damping():
     found = fit(s.sim, [start], s.train, s.whiten_one(s.nominal(), s.train))[0]
     # 0.1 where the servo is believed to know its next command (gear^2 kp times half a row)
     assert abs(found.theta[0]) < 0.01
+
+
+@pytest.mark.parametrize("step", [0.0005, 0.0025])
+def test_the_age_of_servo_forces_is_told_from_damping_that_one_joint_lacks(step):
+    joint = """<body name="{0}" pos="{1} 0 0"><joint name="j{0}" axis="0 1 0" damping="0.02" armature="0.01"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/></body>"""
+    servo = '<position name="s{0}" joint="j{0}" kp="{1}" kv="0.3"/>'
+    xml = f"""<mujoco><option timestep="0.0005" integrator="implicitfast"/><worldbody>
+    {"".join(joint.format(k, k) for k in range(4))}</worldbody><actuator>
+    {"".join(servo.format(k, 4 + 2 * k) for k in range(4))}</actuator></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_EULER
+    model.dof_damping[2] += 0.05
+    rng, recordings = np.random.default_rng(0), []
+    for k in range(3):
+        data, rows = mujoco.MjData(model), []
+        for i in range(400):
+            data.ctrl[:] = u = excitation(k % 2 * 2, i / 100, np.arange(4) + k, np.full(4, 0.8))
+            mujoco.mj_forward(model, data)
+            rows.append((i / 100, data.qpos.copy(), u, data.actuator_force.copy()))
+            mujoco.mj_step(model, data, round(0.01 / step))
+        time, q, u, force = (np.array(x) for x in zip(*rows, strict=True))
+        recordings.append(
+            Recording(f"run_{k}", time, q + 1e-5 * rng.standard_normal(q.shape), None, u, force)
+        )
+    spec = mujoco.MjSpec.from_string(xml)
+    plain = compile_variable(spec)
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    # a simulated servo computes once a timestep and holds that
+    assert staleness(p, [0, 1, 2, 3]) == pytest.approx(step / 2, abs=1e-4 + 0.1 * step)
+    assert staleness(p, [0, 1]) == 0.0
+    late = with_drives(p, plain, set(), {}, {}, age=0.002).train_sources[0]
+    t, smooth = late.recording.time, late.smooth[:, 0]
+    before = np.interp(t - 0.002, t, smooth)
+    held = late.command[:-1, 0] - smooth[:-1]
+    np.testing.assert_allclose(
+        np.diff(late.integral[:, 0]), 0.01 * (held + 0.5 * (before[:-1] + before[1:])), atol=1e-12
+    )
 
 
 def test_a_servo_that_was_found_to_differ_jumps_as_it_does():

@@ -35,8 +35,18 @@ def test_noise_level_is_found_on_jittered_clocks(sigma, seed):
 def test_quantum_of_an_encoder_and_none_of_smooth_data():
     t = 0.01 * np.arange(500)
     step = 2 * np.pi / 4096
-    assert quantum(np.round(np.sin(2 * t) / step) * step) == pytest.approx(step, rel=1e-6)
-    assert quantum(np.sin(2 * t) + 1e-4 * np.random.default_rng(0).standard_normal(500)) == 0
+    assert quantum([np.round(np.sin(2 * t) / step) * step]) == pytest.approx(step, rel=1e-6)
+    assert quantum([np.sin(2 * t) + 1e-4 * np.random.default_rng(0).standard_normal(500)]) == 0
+
+
+def test_an_encoder_that_rests_most_of_the_time_has_the_noise_of_its_step():
+    t, step = 0.01 * np.arange(400), 2 * np.pi / 4096
+    resting = step * (np.random.default_rng(0).random(400) < 0.05)
+    still = np.zeros(400)
+    noise, found = column_noise([t, t, t], [resting, still, still])
+    assert found == pytest.approx(step) and noise == pytest.approx(step / np.sqrt(12))
+    # equal steps without rests are an even motion
+    assert quantum([0.003 * np.arange(400)]) == 0
 
 
 def test_smoother_recovers_velocity_with_honest_uncertainty():

@@ -176,7 +176,8 @@ class TorqueSaturation(OfActuator):
         return (Param("limit", _unit(ctx, place), 0.0, 3 * d, 0.1 * d),)
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.array([[1.02], [0.96], [0.8], [0.5], [0.25]]) * _size(ctx, place)
+        # a motor that seldom saturates does so near its largest force
+        return np.array([[1.1], [1.05], [1.02], [0.99], [0.96], [0.8], [0.5], [0.25]]) * _size(ctx, place)
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return []

@@ -58,7 +58,8 @@ class Context:
     """A model with the sizes that set the scales of parameters.
 
     Attributes:
-        torque: [nv] typical generalised force. speed: [nv] typical velocity. travel: [nv] typical range of motion.
+        torque: [nv] typical generalised force. speed: [nv] typical velocity. body_speed: [nbody] of the bodies' centres
+        of mass (m/s). travel: [nv] typical range of motion.
         acceleration: [nv]. drive: [nu] typical actuator force (before the gear). length: characteristic length
         of the machine (m). mass: its moving mass (kg). period: median sample time (s).
     """
@@ -67,6 +68,7 @@ class Context:
     names: mj.Names
     torque: np.ndarray
     speed: np.ndarray
+    body_speed: np.ndarray
     travel: np.ndarray
     acceleration: np.ndarray
     drive: np.ndarray
@@ -102,6 +104,7 @@ def nominal_context(model: mujoco.MjModel, period: float = 0.01) -> Context:
         mj.names_of(model),
         ones * max(mass * 9.81 * length / 2, 1e-3),
         ones,
+        np.full(model.nbody, min(length, 1.0)),
         ones,
         10 * ones,
         force,

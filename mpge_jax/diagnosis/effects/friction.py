@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect, register
@@ -35,6 +36,10 @@ def _damping(ctx: Context, place: Place, name: str = "coefficient") -> Param:
     return Param(name, joint_unit(ctx, place, "N m s/rad", "N s/m"), 0.0, 500 * scale, scale)
 
 
+COARSE = 0.1
+"""Share of its speed that damping as large as the joint's torques takes from a joint in a timestep."""
+
+
 class _Dry(Effect):
     kinds = ("joint",)
     fields = ("dof_frictionloss", "dof_solref", "dof_solimp")
@@ -60,6 +65,34 @@ class ViscousDamping(Effect):
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("dof_damping", ctx.dof(place), theta[..., 0])
+
+
+@register
+class ExplicitDamping(ViscousDamping):
+    """The same integrated explicitly, as other laws of friction and a motor's back-EMF are: MuJoCo integrates a joint's
+    damping implicitly, which a coarse timestep makes another motion, and those laws would win by that alone."""
+
+    id, runtime = "viscous_damping:explicit", True
+
+    def places(self, ctx: Context) -> list[Place]:
+        """Joints whose damping a timestep may change much; none where MuJoCo is explicit (Runge-Kutta)."""
+        m = ctx.model
+        if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+            return []
+        rate = ctx.torque / np.maximum(ctx.speed * m.dof_M0, 1e-12)
+        return [p for p in super().places(ctx) if rate[ctx.dof(p)] * m.opt.timestep > COARSE]
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        pass
+
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        return Forces(joint=-theta[..., 0] * s.v[..., ctx.dof(place)]), memory
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        super().model(SpecFields(spec), ctx, place, theta)
+        return True
 
 
 @register
@@ -209,8 +242,8 @@ class QuadraticDrag(Effect):
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         if place.kind == "body":
-            # force that the whole machine's weight would give at the tip's speed
-            v = max(float(np.max(ctx.speed)) * min(ctx.length, 1.0), 1e-2)
+            # a tenth of the machine's weight at the body's typical speed
+            v = max(float(ctx.body_speed[place.index]), 1e-2)
             scale = 0.1 * ctx.weight / v**2
             return (Param("coefficient", "N s^2/m^2", 0.0, 1e3 * scale, scale),)
         dof = ctx.dof(place)
