@@ -231,14 +231,14 @@ def policies_section() -> str:
         "each policy:",
         "",
         "| task | kind | policies | return, deterministic: mean (least to most) | return, stochastic | SAC updates "
-        "| environment steps | batch, learning rate | seed | machine |",
-        "|---|---|--:|--:|--:|--:|--:|---|--:|---|",
+        "| environment steps | kept of each training | batch, learning rate | seed | machine |",
+        "|---|---|--:|--:|--:|--:|--:|---|---|--:|---|",
     ]
     tasks = [name for name in envs.names() if envs.source_of(name) == name]
     for task in tasks:
         for kind in policies.KINDS:
             if not policies.shipped_path(task, kind).is_file():
-                lines.append(f"| {task} | {kind} | none shipped | | | | | | | |")
+                lines.append(f"| {task} | {kind} | none shipped | | | | | | | | |")
                 continue
             stored, about = policies.shipped(task, kind)
             sac = about.get("config", {}).get("sac", {})
@@ -246,7 +246,8 @@ def policies_section() -> str:
             lines.append(
                 f"| {task} | {kind} | {stored.size} | {_range(returns.get('deterministic'))} "
                 f"| {_range(returns.get('stochastic'))} | {_number(about.get('updates'))} "
-                f"| {_number(about.get('env_steps'))} | {sac.get('batch_size', '')}, {sac.get('actor_lr', '')} "
+                f"| {_number(about.get('env_steps'))} | {about.get('kept', 'its end')} "
+                f"| {sac.get('batch_size', '')}, {sac.get('actor_lr', '')} "
                 f"| {about.get('seed', '')} | {about.get('machine', '')} |"
             )
     return "\n".join(lines)

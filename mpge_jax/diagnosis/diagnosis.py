@@ -193,7 +193,7 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     if actuators is not None:
         drives = actuators.between_rows()
         p = with_drives(p, plain, *drives)
-        servos = [a for a in np.flatnonzero(p.measured) if is_servo(plain, a)]
+        servos = [a for a in map(int, np.flatnonzero(p.measured)) if is_servo(plain, a)]
         p = with_drives(p, plain, *drives, age=staleness(p, servos))
     s = _build_search(p, say)
     if progress is not None:

@@ -1,0 +1,50 @@
+"""Source policies: of each training the best moment is kept."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import envs
+from experiments import pretrain
+from mpge_jax import agent
+from mpge_jax.agent import AgentConfig
+from mpge_jax.sac import SACConfig
+
+CONFIG = AgentConfig(
+    sac=SACConfig(hidden=(8,), batch_size=8), num_envs=2, steps_per_iteration=4, updates_per_iteration=1,
+    buffer_capacity=64, random_steps=8,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def training():
+    env = envs.make("InvertedPendulum")
+    keys = jax.random.split(jax.random.key(0), 2)
+    state = pretrain.begin(jax.vmap(lambda key: agent.init(key, env, CONFIG))(keys))
+    return env, state, jax.jit(lambda state: pretrain.iterate(state, env, CONFIG))
+
+
+def test_the_best_trial_is_kept_for_each_policy(training):
+    env, state, update = training
+    state = state.replace(iteration=jnp.array(pretrain.ITERATIONS_BETWEEN_TRIALS - 2, jnp.int32))
+    state, metrics = update(state)
+    assert np.isneginf(metrics["best_return"]).all()
+    # the second policy has had a better moment before
+    state = state.replace(best_return=jnp.array([-jnp.inf, 1e6]))
+    before = jax.tree.leaves(state.best.actor)
+    state, metrics = update(state)
+    trial = agent.evaluate(
+        jax.random.key(0), env, jax.tree.map(lambda x: x[0], state.agents.learner.actor), CONFIG.sac,
+        pretrain.TRIAL_EPISODES,
+    )  # fmt: skip
+    np.testing.assert_allclose(metrics["best_return"], [trial.mean(), 1e6], rtol=1e-5)
+    now, learned = jax.tree.leaves(state.best.actor), jax.tree.leaves(state.agents.learner.actor)
+    for kept, new, old in zip(now, learned, before, strict=True):
+        np.testing.assert_array_equal(kept[0], new[0])
+        np.testing.assert_array_equal(kept[1], old[1])
+
+
+def test_a_training_too_short_for_a_trial_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"updates must be at least 4096"):
+        pretrain.train(pretrain.Args(updates=100, out=tmp_path, quiet=True), tmp_path)
