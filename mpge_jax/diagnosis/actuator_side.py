@@ -21,7 +21,7 @@ from mpge_jax.diagnosis.windows import Source
 Array = np.ndarray
 BLOCK_S = 0.25
 MAX_EFFECTS = 3
-DETAIL = 0.01
+DETAIL = 0.02
 """Share of an actuator's largest forces by which an effect must change some of them: less is a matter of when within a
 timestep a force was measured."""
 
