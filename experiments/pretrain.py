@@ -10,6 +10,7 @@ import dataclasses
 import platform
 import sys
 import time
+import zlib
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -39,7 +40,7 @@ CONFIGS = {
     "Hopper": AgentConfig(sac=_FAST, buffer_capacity=300_000),
     "InvertedPendulum": AgentConfig(sac=_FAST, buffer_capacity=100_000, random_steps=1_000),
 }
-UPDATES = {"HalfCheetah": 63_744, "Hopper": 119_808, "InvertedPendulum": 12_000}
+UPDATES = {"HalfCheetah": 65_536, "Hopper": 118_784, "InvertedPendulum": 12_288}
 
 
 class Training(flax.struct.PyTreeNode):
@@ -88,10 +89,9 @@ def train(args: Args, folder: Path) -> tuple[PolicySet, dict[str, Any]]:
     env = envs.make(args.task)
     config = CONFIGS[args.task]
     updates = UPDATES[args.task] if args.updates is None else args.updates
-    iterations = -(-updates // config.updates_per_iteration)
-    if iterations < ITERATIONS_BETWEEN_TRIALS:
-        least = ITERATIONS_BETWEEN_TRIALS * config.updates_per_iteration
-        raise ValueError(f"updates must be at least {least}, when a policy is first tried; got {updates}.")
+    # to the next trial: what is learned after the last one would be lost
+    between = ITERATIONS_BETWEEN_TRIALS * config.updates_per_iteration
+    iterations = -(-updates // between) * ITERATIONS_BETWEEN_TRIALS
     started = time.time()
     keys = jax.random.split(jax.random.key(args.seed), args.count)
     train_set = _train_ms if args.kind == "MS" else _train_er
@@ -194,7 +194,9 @@ def _train_er(
             partial(compiled_update, earlier=padded, weights=weights),
             compiled_start(keys[index], padded, weights),
             iterations,
-            **_loop_options(args, folder / f"{args.task}-ER-{index}", f"ER {index + 1}/{args.count}", config),
+            **_loop_options(
+                args, folder / f"{args.task}-ER-{index}", f"ER {index + 1}/{args.count}", config, padded
+            ),
         )
         new = policies.from_learners(state.best)
         done = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), done, new)
@@ -202,11 +204,16 @@ def _train_er(
     return done
 
 
-def _loop_options(args: Args, folder: Path, label: str, config: AgentConfig) -> dict[str, Any]:
-    identity = {
+def _loop_options(
+    args: Args, folder: Path, label: str, config: AgentConfig, earlier: PolicySet | None = None
+) -> dict[str, Any]:
+    identity: dict[str, Any] = {
         "args": dataclasses.asdict(dataclasses.replace(args, quiet=False, out=None)),
         "config": config,
     }
+    if earlier is not None:
+        leaves = (np.asarray(x).tobytes() for x in jax.tree.leaves(earlier))
+        identity["earlier policies"] = zlib.crc32(b"".join(leaves))
     return {
         "title": f"{args.task} {label}",
         "folder": folder,

@@ -21,8 +21,8 @@ from mpge_jax.diagnosis.windows import Source
 Array = np.ndarray
 BLOCK_S = 0.25
 MAX_EFFECTS = 3
-DETAIL = 0.02
-"""Share of an actuator's largest forces by which an effect must change some of them: less is a matter of when within a
+DETAIL, FEW = 0.02, 5
+"""Share of an actuator's largest forces by which an effect must change so many: less is a matter of when within a
 timestep a force was measured."""
 
 
@@ -247,7 +247,7 @@ def _search(model: mujoco.MjModel, ctx: Context, place: Place, d: _Data, ids: li
         if gain.mean() < 3 * error or gain.mean() < 0.05 * before.mean():
             return current
         old, new = (_residual(model, ctx, f, a, d.held, d) for f in (current, chosen))
-        if float(np.quantile(np.abs(new - old), 0.98)) * d.sigma < DETAIL * ctx.drive[a]:
+        if float(np.sort(np.abs(new - old))[-FEW:][0]) * d.sigma < DETAIL * ctx.drive[a]:
             return current
         current = chosen
     return current

@@ -24,6 +24,8 @@ Array = np.ndarray
 SEGMENT = 0.8
 EXCESS = 0.5
 """Relative chi^2 above the floor that counts as structure."""
+SEVERAL, SHARE = 3, 0.1
+"""Windows, and share of all windows, that show as much where few of them make the mean."""
 DOUBT = 3.0
 """Standard errors by which it must exceed the floor."""
 
@@ -45,12 +47,14 @@ class Floor:
     losses: Array = field(default_factory=lambda: np.zeros(0))
 
     def exceeded(self, losses: Array) -> bool:
-        """Whether windows with these losses [W] show more than that: by their mean, or by their ranks where they
-        scatter widely."""
-        excess = float(losses.mean()) - max(self.loss, 1.0)
+        """Whether windows with these losses [W] show more than that: by their mean, or, where they scatter widely, by
+        their ranks and by several windows that each show more."""
+        least = max(self.loss, 1.0)
+        excess = float(losses.mean()) - least
         error = float(losses.std() / np.sqrt(max(losses.size, 1)))
         beyond = excess > DOUBT * np.hypot(error, self.error)
-        if not beyond and self.losses.size and losses.size:
+        several = (losses > least + EXCESS).sum() > max(SEVERAL, SHARE * losses.size)
+        if not beyond and several and self.losses.size:
             beyond = mannwhitneyu(losses, self.losses, alternative="greater").pvalue < norm.sf(DOUBT)
         return bool(excess > EXCESS and beyond)
 

@@ -33,9 +33,10 @@ def all_terms(
         InputError: an identifier is not in the registry.
     """
     chosen = list(REGISTRY) if ids is None else [r for i in ids for r in REGISTRY if r.partition(":")[0] == i]
-    unknown = [] if ids is None else [i for i in ids if i not in REGISTRY]
+    known = [i for i in REGISTRY if ":" not in i]
+    unknown = [] if ids is None else [i for i in ids if i not in known]
     if unknown:
-        raise InputError(f"unknown effect '{unknown[0]}'; known are {', '.join(REGISTRY)}.")
+        raise InputError(f"unknown effect '{unknown[0]}'; known are {', '.join(known)}.")
     wanted = None if sides is None else set(sides)
     return [
         Term(i, place)

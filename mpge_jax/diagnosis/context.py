@@ -96,6 +96,7 @@ def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ..
         length=base.length,
         mass=base.mass,
         period=float(np.median(steps)),
+        timestep=base.timestep,
         contacts=contact_geoms(model),
         weight=max(
             weight, float(base.mass * np.median(np.abs(acceleration))) if len(acceleration) else 1.0, 1e-3

@@ -188,13 +188,23 @@ def diagnose(
 
 def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path | None) -> Diagnosis:
     c = p.config
-    ids = [i for i, e in REGISTRY.items() if e.side == "actuator" and (c.effects is None or i in c.effects)]
+    ids = [
+        i
+        for i, e in REGISTRY.items()
+        if e.side == "actuator" and (c.effects is None or i.partition(":")[0] in c.effects)
+    ]
     actuators = diagnose_actuators(p, plain, ids)
     if actuators is not None:
         drives = actuators.between_rows()
         p = with_drives(p, plain, *drives)
         servos = [a for a in map(int, np.flatnonzero(p.measured)) if is_servo(plain, a)]
-        p = with_drives(p, plain, *drives, age=staleness(p, servos))
+        age = staleness(p, servos)
+        if age:
+            p.warnings.append(
+                f"the servos' measured forces act {1e3 * age:.2g} ms late, as those of servos that compute in steps "
+                "and hold their force; this is taken into account and is no missing physics."
+            )
+        p = with_drives(p, plain, *drives, age=dict.fromkeys(servos, age))
     s = _build_search(p, say)
     if progress is not None:
         resume.attach(s, p, progress)

@@ -11,9 +11,9 @@ EVIDENCE, STRONG = 6.0, 15.0
 for its mean gain to stand out (see `strong`)."""
 BALANCE = 4.0
 """How many times the gains must outweigh the losses then."""
-ORDINARY, OUTLYING, SEVERAL = 1.15, 8.0, 3
-"""Median loss where all but a few windows show noise alone, deviations from it by which a window stands out, and how
-many such windows are no accident."""
+ORDINARY, OUTLYING, CLEARLY, SEVERAL = 1.15, 8.0, 0.5, 3
+"""Median loss where all but a few windows show noise alone; deviations from it, and relative chi^2, by which a window
+stands out at least; and how many such windows are no accident."""
 
 
 def strong(gain: Array, total: Array) -> bool:
@@ -30,15 +30,16 @@ def strong(gain: Array, total: Array) -> bool:
 
 
 def stand_out(losses: Array) -> Array:
-    """Which windows [W] stand out from others that show nothing but noise; none where those show more."""
+    """Which windows [W] stand out from others that show nothing but noise; none where those show more, or so much less
+    that the noise is overestimated. Only for losses in units of the noise (of a whitener that is not tempered)."""
     middle = float(np.median(losses))
     scatter = 1.4826 * float(np.median(np.abs(losses - middle)))
-    if middle > ORDINARY:
+    if not 0.5 <= middle <= ORDINARY:
         return np.zeros(losses.shape, bool)
-    return losses > middle + OUTLYING * scatter
+    return losses > middle + max(OUTLYING * scatter, CLEARLY)
 
 
-def rare(worse: Array, better: Array, fitted: int = 0) -> bool:
+def rare(worse: Array, better: Array, fitted: int) -> bool:
     """Whether `better` explains most of what stands out under `worse`, in several windows, and spoils no others.
 
     Args:

@@ -41,8 +41,13 @@ def noise_level(time: Array, value: Array) -> float:
     return float(np.mean([x for x in levels if x <= 1.15 * least]))
 
 
-def quantum(values: list[Array]) -> float:
-    """Step of a signal that was quantised in the same way in all recordings, 0 when there is none that matters."""
+def quantum(values: list[Array], rests: bool = False) -> float:
+    """Step of a signal that was quantised in the same way in all recordings, 0 when there is none that matters.
+
+    Args:
+        values: [T] of each recording. rests: a signal that stays where it is but for equal steps is quantised too (the
+            encoder of a joint that hardly moves; not a force that is switched).
+    """
     steps = np.concatenate([np.abs(np.diff(v)) for v in values])
     largest = max(float(np.abs(v).max(initial=0.0)) for v in values)
     moves = steps[steps > 1e-12 * max(1.0, largest)]
@@ -54,12 +59,12 @@ def quantum(values: list[Array]) -> float:
     single = float(np.spacing(np.float32(largest)))
     if q <= 4 * single or np.mean(error < 0.02 + single / q) < 0.97:
         return 0.0
-    # equal steps are those of an encoder where it rests between them, else of an even motion
-    return q if ratio.max() > 1.5 or moves.size < 0.5 * steps.size else 0.0
+    # equal steps without rests are an even motion
+    return q if ratio.max() > 1.5 or (rests and moves.size < 0.5 * steps.size) else 0.0
 
 
-def column_noise(times: list[Array], values: list[Array]) -> tuple[float, float]:
-    """(noise deviation including quantisation, quantum) of one column over several recordings."""
+def column_noise(times: list[Array], values: list[Array], rests: bool = False) -> tuple[float, float]:
+    """(noise deviation including quantisation, quantum) of one column over several recordings; `rests`: `quantum`."""
     levels, known = [], []
     for t, v in zip(times, values, strict=True):
         t, v = t[np.isfinite(v)], v[np.isfinite(v)]
@@ -69,5 +74,5 @@ def column_noise(times: list[Array], values: list[Array]) -> tuple[float, float]
     levels = [x for x in levels if np.isfinite(x)]
     if not levels:
         return float("nan"), 0.0
-    level, q = float(np.median(levels)), quantum(known)
+    level, q = float(np.median(levels)), quantum(known, rests)
     return max(level, q / np.sqrt(12)), q

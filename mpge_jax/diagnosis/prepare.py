@@ -159,18 +159,19 @@ def with_drives(
     lag: set[int],
     back_emf: dict[int, float],
     share: dict[int, float],
-    age: float = 0.0,
+    age: dict[int, float] | None = None,
 ) -> Prepared:
     """The same with measured forces read as what drives them makes of them: a lagging motor's force is not held
     between rows, nor is the part of a motor's force that its speed takes away.
 
     Args:
         plain: the nominal model. lag: actuators. back_emf: actuator -> force per command. share: actuator -> share of
-            the model's `servo_jumps` that its force makes (1 where it is not listed). age: `staleness` (s).
+            the model's `servo_jumps` that its force makes (1 where it is not listed). age: actuator -> `staleness` (s).
     """
     continuous = follows(plain)
     continuous[list(lag)] = True
     shares = np.array([share.get(a, 1.0) for a in range(plain.nu)])
+    ages = np.array([(age or {}).get(a, 0.0) for a in range(plain.nu)])
 
     def again(s: Source) -> Source:
         smooth = _smooth_part(s.recording, s.states, s.command, plain, shares)
@@ -179,7 +180,7 @@ def with_drives(
             if not continuous[a]:
                 held = gain * np.nan_to_num(s.recording.known("ctrl")[:, a])
                 smooth[:, a] = s.command[:, a] - held
-        return Source.build(s.recording, s.states, s.command, smooth, age)
+        return Source.build(s.recording, s.states, s.command, smooth, ages)
 
     return replace(
         p,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.effects.base import Context, Place
-from mpge_jax.diagnosis.evidence import EVIDENCE, rare, standard_error
+from mpge_jax.diagnosis.evidence import EVIDENCE, standard_error
 from mpge_jax.diagnosis.fit import Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_joint_transmission
-from mpge_jax.diagnosis.select import KEEP_OF_MANY, MANY, SIGNIFICANT, TIE, Rival, Scored, Search
+from mpge_jax.diagnosis.select import KEEP_OF_MANY, MANY, SIGNIFICANT, TIE, Rival, Scored, Search, misses
 from mpge_jax.diagnosis.whiten import Whitener
 
 SPECIAL_CASES = {
@@ -114,7 +114,7 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
         return Rival(
             other, rival.fit, margin, error, f"its prediction error is {margin / error:.0f} deviations larger"
         )
-    if rare(rival.losses, best.losses):
+    if misses(rival, best):
         return Rival(
             other, rival.fit, margin, error, "it misses the few moments at which something is missing"
         )

@@ -46,13 +46,14 @@ step early, which another integrator or a finer timestep behind the recordings d
 
 @dataclass
 class Scored:
-    """A fit with its loss on every window, training windows first."""
+    """A fit with its loss on every window, training windows first. factor: by which the whiteners were tempered."""
 
     fit: Fitted
     train: Array
     held: Array
     directions: int
     tier: int
+    factor: float = 1.0
 
     @property
     def losses(self) -> Array:
@@ -123,9 +124,11 @@ class Search:
         train = evaluate(self.sim, fits, self.train, whites[0])
         held = evaluate(self.sim, fits, self.held, whites[1])
         out = []
+        factor = max(white.factor for white in whites)
         for f, a, b in zip(fits, train, held, strict=True):
             tier = sum(t.effect.tier for t in f.hypothesis.terms)
-            out.append(Scored(f, robust_loss(a.x), robust_loss(b.x), f.directions(self.sim.ctx), tier))
+            directions = f.directions(self.sim.ctx)
+            out.append(Scored(f, robust_loss(a.x), robust_loss(b.x), directions, tier, factor))
         return out
 
     def sample(self, base: Fitted, white: Whitener) -> tuple[Windows, Whitener]:
@@ -185,7 +188,7 @@ class Search:
             # a tempered whitener, or an overestimated noise, says nothing
             if white.factor != 1.0 or np.median(x) < 0.5 or robust_loss(x).mean() > limit:
                 return self._at_floor(base)
-        return outlying < SEVERAL
+        return outlying < SEVERAL or self._at_floor(base)
 
     def _at_floor(self, base: Fitted) -> bool:
         """Whether `base`, which has effects, leaves no more than it would if it were true."""
@@ -244,7 +247,7 @@ class Search:
         # the first effect must not be an accident; beside one, held-out windows are dominated by what is still missing
         first = not old.fit.hypothesis.terms
         beyond = deviations(gain) > (doubt if first else 0.6 * doubt) and deviations(total) > doubt
-        if rare(old.losses, new.losses, new.train.size):
+        if misses(old, new):
             return True
         relevant = total.mean() > 0.05 * min(1.0, old.losses.mean())
         return bool(relevant and ((beyond and gain.sum() > EVIDENCE) or strong(gain, total)))
@@ -296,4 +299,9 @@ def clearly_worse(a: Scored, best: Scored) -> bool:
     """Whether `a` loses to the best by more than two standard errors (paired by window) and more than a tie, or misses
     what acts rarely."""
     d = a.losses - best.losses
-    return bool(d.mean() > max(2.0 * standard_error(d), TIE)) or rare(a.losses, best.losses)
+    return bool(d.mean() > max(2.0 * standard_error(d), TIE)) or misses(a, best)
+
+
+def misses(a: Scored, best: Scored) -> bool:
+    """Whether `a` leaves what acts rarely and `best` explains."""
+    return best.factor == 1.0 and rare(a.losses, best.losses, best.train.size)

@@ -84,7 +84,7 @@ def estimate(
     qpos_noise, quanta = np.full(model.nq, np.nan), np.zeros(model.nq)
     for c in range(model.nq):
         qpos_noise[c], quanta[c] = column_noise(
-            [r.time for r in recordings], [r.qpos[:, c] for r in recordings]
+            [r.time for r in recordings], [r.qpos[:, c] for r in recordings], rests=True
         )
     qvel_noise = np.full(model.nv, np.inf)
     with_velocity = [(r.time, r.qvel) for r in recordings if r.qvel is not None]

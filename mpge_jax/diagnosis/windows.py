@@ -33,13 +33,18 @@ class Source:
 
     @staticmethod
     def build(
-        recording: Recording, states: States, command: Array, smooth: Array | None = None, age: float = 0.0
+        recording: Recording,
+        states: States,
+        command: Array,
+        smooth: Array | None = None,
+        age: Array | None = None,
     ) -> Source:
         """`smooth` [T, nu]: the part of the command that changes between rows (all of a servo's measured force) and
-        is not held; it acts `age` (s) late."""
+        is not held; it acts `age` [nu] (s) late."""
         smooth = np.zeros_like(command) if smooth is None else smooth
-        t = recording.time
-        late = np.stack([np.interp(t - age, t, column) for column in smooth.T], 1) if age else smooth
+        t, late = recording.time, smooth.copy()
+        for a, old in enumerate(np.zeros(0) if age is None else age):
+            late[:, a] = np.interp(t - old, t, smooth[:, a])
         mean = (command - smooth)[:-1] + 0.5 * (late[:-1] + late[1:])
         steps = np.diff(recording.time)[:, None] * mean
         integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(steps, 0)])

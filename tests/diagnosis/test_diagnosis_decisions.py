@@ -26,7 +26,7 @@ from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
 from mpge_jax.diagnosis.screen import ELABORATE, screen
 from mpge_jax.diagnosis.search import search
-from mpge_jax.diagnosis.select import Scored
+from mpge_jax.diagnosis.select import Scored, clearly_worse
 from mpge_jax.diagnosis.states import estimate
 from mpge_jax.diagnosis.telling import telling_windows
 
@@ -87,7 +87,22 @@ def test_windows_that_stand_out_of_the_noise_are_evidence_for_what_acts_rarely()
     assert not rare(worse, np.where(np.arange(77) == 60, noise, worse), fitted=40)
     assert not rare(worse, noise + 2.0 * (np.arange(77) % 20 == 5), fitted=40)
     # where much is missing everywhere, large losses are nothing special
-    assert not stand_out(5.0 * worse).any() and not rare(5.0 * worse, 5.0 * noise)
+    assert not stand_out(5.0 * worse).any() and not rare(5.0 * worse, 5.0 * noise, fitted=40)
+    # nor are small ones, or those of a noise that was overestimated
+    hardly = np.where(worse > 2, 1.3, 1.0 + 0.001 * noise)
+    assert not rare(hardly, np.ones(77), fitted=40) and not rare(0.1 * worse, 0.1 * noise, fitted=40)
+
+
+def test_what_stands_out_of_a_noise_that_was_enlarged_is_no_evidence(null):
+    s, _ = null
+    worse = 1.0 + 0.06 * np.random.default_rng(0).standard_normal(77)
+    better = worse.copy()
+    worse[[3, 39, 60]] = [2.4, 2.7, 3.0]
+    old = Scored(s.nominal(), worse[:40], worse[40:], 0, 0)
+    new = Scored(fitted(s, {COULOMB: [0.1]}), better[:40], better[40:], 1, 1)
+    assert s.needed(new, old) and clearly_worse(old, new)
+    tempered = dataclasses.replace(new, factor=3.0)
+    assert not s.needed(tempered, old) and not clearly_worse(old, tempered)
 
 
 def test_what_scatters_widely_exceeds_the_floor_by_ranks():
@@ -97,6 +112,8 @@ def test_what_scatters_widely_exceeds_the_floor_by_ranks():
     assert (losses.mean() - 1.0) < 3.0 * losses.std() / np.sqrt(losses.size)
     assert floor_of.exceeded(losses) and not Floor(0.9, 0.01).exceeded(losses)
     assert not floor_of.exceeded(expected)
+    # a single window of sixty is none of them
+    assert not floor_of.exceeded(np.append(expected[:1].repeat(60) + 0.1, 40.0))
 
 
 def test_ranks_see_what_spoiled_windows_blur():

@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.fit import Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, names_of
-from mpge_jax.diagnosis.prepare import prepare, servo_jumps, with_drives
+from mpge_jax.diagnosis.prepare import Prepared, prepare, servo_jumps, with_drives
 from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.staleness import staleness
 from mpge_jax.diagnosis.states import States
@@ -81,8 +81,8 @@ def test_a_servo_that_is_as_modelled_seems_to_lack_no_damping():
     assert abs(found.theta[0]) < 0.01
 
 
-@pytest.mark.parametrize("step", [0.0005, 0.0025])
-def test_the_age_of_servo_forces_is_told_from_damping_that_one_joint_lacks(step):
+def _servos(step: float, lack: np.ndarray) -> tuple[Prepared, mujoco.MjModel]:
+    """Four pendulums with servos that compute every `step`, which have `lack` [4] more damping than their model."""
     joint = """<body name="{0}" pos="{1} 0 0"><joint name="j{0}" axis="0 1 0" damping="0.02" armature="0.01"/>
     <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/></body>"""
     servo = '<position name="s{0}" joint="j{0}" kp="{1}" kv="0.3"/>'
@@ -91,7 +91,7 @@ def test_the_age_of_servo_forces_is_told_from_damping_that_one_joint_lacks(step)
     {"".join(servo.format(k, 4 + 2 * k) for k in range(4))}</actuator></mujoco>"""
     model = mujoco.MjModel.from_xml_string(xml)
     model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_EULER
-    model.dof_damping[2] += 0.05
+    model.dof_damping[:] += lack
     rng, recordings = np.random.default_rng(0), []
     for k in range(3):
         data, rows = mujoco.MjData(model), []
@@ -107,16 +107,28 @@ def test_the_age_of_servo_forces_is_told_from_damping_that_one_joint_lacks(step)
     spec = mujoco.MjSpec.from_string(xml)
     plain = compile_variable(spec)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    return p, plain
+
+
+@pytest.mark.parametrize("step", [0.001, 0.0025])
+def test_the_age_of_servo_forces_is_told_from_damping_that_one_joint_lacks(step):
+    p, plain = _servos(step, np.array([0.0, 0.0, 0.05, 0.0]))
     # a simulated servo computes once a timestep and holds that
     assert staleness(p, [0, 1, 2, 3]) == pytest.approx(step / 2, abs=1e-4 + 0.1 * step)
     assert staleness(p, [0, 1]) == 0.0
-    late = with_drives(p, plain, set(), {}, {}, age=0.002).train_sources[0]
+    late = with_drives(p, plain, set(), {}, {}, age={0: 0.002}).train_sources[0]
+    np.testing.assert_array_equal(late.integral[:, 1:], p.train_sources[0].integral[:, 1:])
     t, smooth = late.recording.time, late.smooth[:, 0]
     before = np.interp(t - 0.002, t, smooth)
     held = late.command[:-1, 0] - smooth[:-1]
     np.testing.assert_allclose(
         np.diff(late.integral[:, 0]), 0.01 * (held + 0.5 * (before[:-1] + before[1:])), atol=1e-12
     )
+
+
+def test_less_damping_than_modelled_at_one_joint_is_no_age():
+    p, _ = _servos(0.0005, np.array([-0.018, 0.0, 0.0, 0.0]))
+    assert staleness(p, [0, 1, 2, 3]) == 0.0
 
 
 def test_a_servo_that_was_found_to_differ_jumps_as_it_does():

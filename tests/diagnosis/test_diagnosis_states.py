@@ -43,10 +43,12 @@ def test_an_encoder_that_rests_most_of_the_time_has_the_noise_of_its_step():
     t, step = 0.01 * np.arange(400), 2 * np.pi / 4096
     resting = step * (np.random.default_rng(0).random(400) < 0.05)
     still = np.zeros(400)
-    noise, found = column_noise([t, t, t], [resting, still, still])
+    noise, found = column_noise([t, t, t], [resting, still, still], rests=True)
     assert found == pytest.approx(step) and noise == pytest.approx(step / np.sqrt(12))
     # equal steps without rests are an even motion
-    assert quantum([0.003 * np.arange(400)]) == 0
+    assert quantum([0.003 * np.arange(400)], rests=True) == 0
+    # and a force that is switched is no encoder
+    assert column_noise([t], [0.8 * np.sign(np.sin(2 * np.pi * t + 0.1))])[1] == 0
 
 
 def test_smoother_recovers_velocity_with_honest_uncertainty():

@@ -7,7 +7,7 @@ import pytest
 
 import envs
 from experiments import pretrain
-from mpge_jax import agent
+from mpge_jax import agent, policies
 from mpge_jax.agent import AgentConfig
 from mpge_jax.sac import SACConfig
 
@@ -45,6 +45,18 @@ def test_the_best_trial_is_kept_for_each_policy(training):
         np.testing.assert_array_equal(kept[1], old[1])
 
 
-def test_a_training_too_short_for_a_trial_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"updates must be at least 4096"):
-        pretrain.train(pretrain.Args(updates=100, out=tmp_path, quiet=True), tmp_path)
+def test_every_training_ends_with_a_trial():
+    for task, updates in pretrain.UPDATES.items():
+        assert (
+            updates % (pretrain.ITERATIONS_BETWEEN_TRIALS * pretrain.CONFIGS[task].updates_per_iteration) == 0
+        )
+
+
+def test_a_sequence_does_not_go_on_from_other_policies(tmp_path):
+    args, config = pretrain.Args(kind="ER"), CONFIG
+    sets = [policies.shipped("InvertedPendulum", kind)[0] for kind in policies.KINDS]
+    found = [
+        pretrain._loop_options(args, tmp_path, "", config, earlier)["identity"]["earlier policies"]
+        for earlier in (sets[0], sets[1].select([1]), sets[0])
+    ]
+    assert found[0] == found[2] != found[1]

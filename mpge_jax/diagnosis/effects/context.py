@@ -61,7 +61,8 @@ class Context:
         torque: [nv] typical generalised force. speed: [nv] typical velocity. body_speed: [nbody] of the bodies' centres
         of mass (m/s). travel: [nv] typical range of motion.
         acceleration: [nv]. drive: [nu] typical actuator force (before the gear). length: characteristic length
-        of the machine (m). mass: its moving mass (kg). period: median sample time (s).
+        of the machine (m). mass: its moving mass (kg). period: median sample time (s). timestep: the nominal
+        model's (s).
     """
 
     model: mujoco.MjModel
@@ -75,6 +76,7 @@ class Context:
     length: float
     mass: float
     period: float
+    timestep: float
     contacts: tuple[int, ...] = ()
     weight: float = 10.0
     samples: Samples | None = None
@@ -111,6 +113,7 @@ def nominal_context(model: mujoco.MjModel, period: float = 0.01) -> Context:
         length,
         mass,
         period,
+        float(model.opt.timestep),
         contacts=tuple(range(model.ngeom)),
         weight=mass * 9.81,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -75,12 +76,20 @@ class ExplicitDamping(ViscousDamping):
     id, runtime = "viscous_damping:explicit", True
 
     def places(self, ctx: Context) -> list[Place]:
-        """Joints whose damping a timestep may change much; none where MuJoCo is explicit (Runge-Kutta)."""
+        """Joints whose damping a timestep may change much; none where MuJoCo is explicit itself."""
         m = ctx.model
-        if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        implicit_off = m.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+        euler = m.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+        if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 or (euler and implicit_off):
             return []
         rate = ctx.torque / np.maximum(ctx.speed * m.dof_M0, 1e-12)
-        return [p for p in super().places(ctx) if rate[ctx.dof(p)] * m.opt.timestep > COARSE]
+        return [p for p in super().places(ctx) if rate[ctx.dof(p)] * ctx.timestep > COARSE]
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        """Damping that takes at most half of the speed in a timestep, far from where explicit steps diverge."""
+        (plain,) = super().params(ctx, place)
+        high = 0.5 * float(ctx.model.dof_M0[ctx.dof(place)]) / ctx.timestep
+        return (replace(plain, high=high, scale=min(plain.scale, 0.1 * high)),)
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         pass
