@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, Step
+from mpge_jax.diagnosis.evidence import rare
 from mpge_jax.diagnosis.fit import Fitted, timing_error
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import is_joint_transmission
@@ -245,7 +246,13 @@ def _search(model: mujoco.MjModel, ctx: Context, place: Place, d: _Data, ids: li
         gain = before - after
         error = gain.std() / np.sqrt(max(gain.size - 1, 1))
         if gain.mean() < 3 * error or gain.mean() < 0.05 * before.mean():
-            return current
+            first, second = (
+                _robust(_blocks(_residual(model, ctx, f, a, d.train, d), d.train), reference)
+                for f in (current, chosen)
+            )
+            worse, better = np.concatenate([first, before]), np.concatenate([second, after])
+            if not rare(worse, better, fitted=first.size):
+                return current
         old, new = (_residual(model, ctx, f, a, d.held, d) for f in (current, chosen))
         if float(np.sort(np.abs(new - old))[-FEW:][0]) * d.sigma < DETAIL * ctx.drive[a]:
             return current
