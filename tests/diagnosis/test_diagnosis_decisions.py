@@ -7,7 +7,7 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
-from machines import ARM, PENDULUM, record
+from machines import ARM, BOX, PENDULUM, record
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis import select as selection
@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.effects.base import Param, Place
 from mpge_jax.diagnosis.evidence import deviations, rare, stand_out, strong
 from mpge_jax.diagnosis.finish import final_fit, prune
-from mpge_jax.diagnosis.fit import Fitted, timing_error
+from mpge_jax.diagnosis.fit import Fitted, _Problem, beyond, timing_error
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare, with_drives
@@ -114,6 +114,31 @@ def test_what_scatters_widely_exceeds_the_floor_by_ranks():
     assert not floor_of.exceeded(expected)
     # a single window of sixty is none of them
     assert not floor_of.exceeded(np.append(expected[:1].repeat(60) + 0.1, 40.0))
+
+
+@pytest.fixture(scope="module")
+def sliding():
+    return search_of(BOX, record(BOX, 6.0))
+
+
+def test_drag_of_a_body_is_sized_by_how_fast_that_body_moves(sliding):
+    s, p = sliding
+    speeds = np.concatenate([np.linalg.norm(x.states.qvel, axis=1) for x in p.train_sources])
+    assert p.ctx.body_speed[1] == pytest.approx(np.sqrt((speeds**2).mean()), rel=0.15)
+    term = next(t for t in s.terms if t.id == "quadratic_drag" and t.place.kind == "body")
+    assert term.params(p.ctx)[0].scale == pytest.approx(0.1 * p.ctx.weight / p.ctx.body_speed[1] ** 2)
+
+
+def test_steps_are_stretched_where_there_are_contacts_alone(sliding, rubbing):
+    (s, _), (smooth, _) = sliding, rubbing
+    term = next(t for t in s.terms if t.id == "viscous_damping")
+    start = fitted(s, {term: [1.0]})
+    problem = _Problem(start, term.params(s.sim.ctx))
+    high = problem.params[0].high
+    found = beyond(problem, np.array([1.5]), s.sim.ctx)
+    np.testing.assert_allclose(np.ravel(found), np.minimum([2.5, 5.0], high))
+    assert beyond(problem, np.array([0.5]), s.sim.ctx)[1] == 0.0
+    assert beyond(problem, np.array([1.5]), smooth.sim.ctx) == []
 
 
 def test_ranks_see_what_spoiled_windows_blur():

@@ -11,6 +11,7 @@ from machines import ARM, BOX, PENDULUM
 
 from envs._mjx import mjx
 from mpge_jax.diagnosis import REGISTRY, VOCABULARY, InputError
+from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.corrected import CorrectedModel, CStepper
 from mpge_jax.diagnosis.effects.base import Context, Place, find_place, nominal_context, register
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
@@ -333,3 +334,28 @@ def test_a_sensor_delay_is_looked_for_below_the_sample_time():
     effect = REGISTRY["sensor_delay"]
     (place, *_) = effect.places(ctx)
     assert effect.starts(ctx, place).min() <= 0.005
+
+
+def test_damping_has_an_explicit_form_where_the_timestep_is_coarse():
+    form, plain = REGISTRY["viscous_damping:explicit"], REGISTRY["viscous_damping"]
+    coarse = model_for("viscous_damping:explicit")
+
+    def context(xml: str) -> Context:
+        return nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+
+    ctx = context(coarse)
+    (place,) = form.places(ctx)
+    assert not form.places(context(PENDULUM))
+    assert not form.places(context(coarse.replace("implicitfast", "RK4")))
+    explicit = (
+        '<option><flag eulerdamp="disable"/></option>' + '<option timestep="0.008" integrator="Euler"/>'
+    )
+    assert not form.places(
+        context(coarse.replace('<option timestep="0.008" integrator="implicitfast"/>', explicit))
+    )
+    # one name in reports, never both at a joint, and at most half of the speed is lost in a step
+    assert Term(form.id, place).name == plain.id
+    assert not compatible(Hypothesis.of(Term(plain.id, place)), Term(form.id, place))
+    inertia = float(ctx.model.dof_M0[0])
+    assert form.params(ctx, place)[0].high * 0.008 / inertia == pytest.approx(0.5)
+    assert plain.params(ctx, place)[0].high > form.params(ctx, place)[0].high
