@@ -26,6 +26,8 @@ EXCESS = 0.5
 """Relative chi^2 above the floor that counts as structure."""
 SEVERAL, SHARE = 3, 0.1
 """Windows, and share of all windows, that show as much where few of them make the mean."""
+FAR = 5.0
+"""Loss of a window that no noise explains, whatever the others show."""
 DOUBT = 3.0
 """Standard errors by which it must exceed the floor."""
 
@@ -57,6 +59,11 @@ class Floor:
         if not beyond and several and self.losses.size:
             beyond = mannwhitneyu(losses, self.losses, alternative="greater").pvalue < norm.sf(DOUBT)
         return bool(excess > EXCESS and beyond)
+
+    def far(self, losses: Array) -> bool:
+        """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave."""
+        usual = float(self.losses.max(initial=0.0))
+        return bool((losses > max(FAR, 2.0 * usual)).sum() >= SEVERAL)
 
 
 def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int = 16) -> Floor:

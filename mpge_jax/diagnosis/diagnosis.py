@@ -343,7 +343,7 @@ def _left(
         np.sqrt(max(before**2 - held.floor**2, 0.0)), 1e-12
     )
     beyond = min(float(beyond), 1.0) if corrected else 1.0
-    significant = noise.exceeded(losses)
+    significant = noise.exceeded(losses) or noise.far(best.losses)
     if not significant or beyond < LEFT:
         if significant:
             p.warnings.append(

@@ -112,6 +112,10 @@ def test_what_scatters_widely_exceeds_the_floor_by_ranks():
     assert (losses.mean() - 1.0) < 3.0 * losses.std() / np.sqrt(losses.size)
     assert floor_of.exceeded(losses) and not Floor(0.9, 0.01).exceeded(losses)
     assert not floor_of.exceeded(expected)
+    # several windows that no noise explains are not nothing, even if all others are; two may be accidents
+    rest = expected[:1].repeat(60)
+    assert floor_of.far(np.append(rest, [6.0, 7.0, 20.0])) and not floor_of.far(np.append(rest, [7.0, 20.0]))
+    assert not Floor(0.9, 0.01, 1.0, np.array([1.0, 8.0])).far(np.append(rest, [6.0, 7.0, 15.0]))
     # a single window of sixty is none of them
     assert not floor_of.exceeded(np.append(expected[:1].repeat(60) + 0.1, 40.0))
 
