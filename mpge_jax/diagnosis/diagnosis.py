@@ -211,6 +211,10 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     say(f"{len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows")
     f, last = search(s) if s.terms else (s.nominal(), [])
     best, rivals = _settle(s, f, last)
+    if best.fit.hypothesis.terms and not _helps(p, best.fit):
+        s.log.append(f"dropped: {best.fit.hypothesis} predicts held-out recordings no better")
+        nominal = s.nominal()
+        best, rivals = s.score([nominal], s.whiten(nominal, temper=False))[0], {}
     f = best.fit
     say("judging what is left")
     noise = floor(p, f)
@@ -314,6 +318,19 @@ def by_command(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> tuple
         measured=np.zeros_like(p.measured),
     )  # fmt: skip
     return driven, Fitted(hypothesis, theta, theta)
+
+
+def _helps(p: Prepared, f: Fitted) -> bool:
+    """Whether held-out windows of the reported length are predicted better, in the mean or more often than not.
+
+    The search judges shorter ones, in units of their noise: where that was underestimated, an effect may win there that
+    helps nobody.
+    """
+    w = p.windows(True, p.config.report_s, 60, seed=1)
+    nominal = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
+    before, after = errors(p.sim, nominal, w), errors(p.sim, f, w)
+    oftener = (after.window < before.window).sum() > (after.window > before.window).sum()
+    return bool(after.rms < before.rms or oftener)
 
 
 def _report(p: Prepared, f: Fitted, held: bool, noise: Floor) -> FitReport:

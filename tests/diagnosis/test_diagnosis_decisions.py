@@ -14,7 +14,7 @@ from mpge_jax.diagnosis import select as selection
 from mpge_jax.diagnosis.actuator_side import diagnose_actuators
 from mpge_jax.diagnosis.calibrate import Floor, floor
 from mpge_jax.diagnosis.coarse import is_coarse
-from mpge_jax.diagnosis.diagnosis import _build_search
+from mpge_jax.diagnosis.diagnosis import _build_search, _helps
 from mpge_jax.diagnosis.effects.base import Param, Place
 from mpge_jax.diagnosis.evidence import deviations, rare, stand_out, strong
 from mpge_jax.diagnosis.finish import final_fit, prune
@@ -314,3 +314,9 @@ def test_half_a_timestep_is_no_delay(null, monkeypatch):
     for steps, loss, accepted in ((0.5, 1.0, False), (1.5, 1.0, True), (0.5, 0.6, True)):
         new = Scored(fitted(s, {late: [steps * dt]}), np.ones(9), np.full(9, loss), 1, 1)
         assert s.accept(new, old) is accepted
+
+
+def test_what_predicts_held_out_recordings_no_better_is_dropped(rubbing):
+    s, p = rubbing
+    assert _helps(p, fitted(s, {COULOMB: [0.1]}))
+    assert not _helps(p, fitted(s, {COULOMB: [0.6]})) and not _helps(p, fitted(s, {GAIN: [1.5]}))
