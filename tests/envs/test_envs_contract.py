@@ -134,7 +134,9 @@ def test_state_from_obs(name, backend):
     assert_same(rebuilt.obs, state.obs)
     assert types_of(rebuilt) == types_of(state)
     one, two = case.step(state, case.actions()), case.step(rebuilt, case.actions())
-    np.testing.assert_allclose(one.obs, two.obs, rtol=1e-6, atol=1e-6)
+    # MJX in single precision: with the root elsewhere its contacts are rounded otherwise.
+    tolerance = 1e-6 if backend == "c" else 5e-5
+    np.testing.assert_allclose(one.obs, two.obs, rtol=tolerance, atol=tolerance)
     # The root's position is lost, and with it a few bits of its velocity.
     np.testing.assert_allclose(one.reward, two.reward, atol=1e-4)
 
