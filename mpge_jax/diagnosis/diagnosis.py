@@ -330,7 +330,7 @@ def _helps(p: Prepared, f: Fitted) -> bool:
     nominal = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
     before, after = errors(p.sim, nominal, w), errors(p.sim, f, w)
     oftener = (after.window < before.window).sum() > (after.window > before.window).sum()
-    return bool(after.rms < before.rms or oftener)
+    return bool(not w.count or after.rms < before.rms or oftener)
 
 
 def _report(p: Prepared, f: Fitted, held: bool, noise: Floor) -> FitReport:
