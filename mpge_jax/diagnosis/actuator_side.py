@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, Step
 from mpge_jax.diagnosis.evidence import rare
-from mpge_jax.diagnosis.fit import Fitted, timing_error
-from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.fit import NOTHING, Fitted, timing_error
+from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_joint_transmission
 from mpge_jax.diagnosis.noise import column_noise
 from mpge_jax.diagnosis.prepare import Prepared
@@ -214,7 +214,7 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: _Data) -
 
 def _search(model: mujoco.MjModel, ctx: Context, place: Place, d: _Data, ids: list[str]) -> Fitted:
     a = place.index
-    current = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
+    current = NOTHING
     while len(current.hypothesis.terms) < MAX_EFFECTS:
         field_ = []
         for i in ids:
@@ -303,8 +303,7 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         if f.cov.size:
             late = timing_error(f.hypothesis.params(ctx), f.theta, float(nominal.opt.timestep))
             f = replace(f, cov=f.cov + np.diag(late**2))
-        plain = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
-        before = _residual(nominal, ctx, plain, int(a), data.held, data) * sigma
+        before = _residual(nominal, ctx, NOTHING, int(a), data.held, data) * sigma
         after = _residual(nominal, ctx, f, int(a), data.held, data) * sigma
         rms = (float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2))))
         out.errors[place.name] = rms

@@ -93,7 +93,7 @@ def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int
     if not cuts.count:
         return Floor()
     white = whitener(
-        sim, f.hypothesis, f.theta, cuts, noise, [numerics(sim, f.hypothesis, f.theta, cuts)], temper=False
+        sim, f.hypothesis, f.theta, cuts, noise, numerics(sim, f.hypothesis, f.theta, cuts), temper=False
     )
     residual = sim.residuals([Run(f.hypothesis, f.theta)], cuts)[0]
     loss = robust_loss(white.excess(white(residual[None]))[0])

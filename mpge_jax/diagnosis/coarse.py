@@ -13,8 +13,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.fit import Fitted, fit
-from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
+from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.screen import screen
 from mpge_jax.diagnosis.simulate import Run, Simulator
@@ -95,7 +95,7 @@ def bound(
     w = cut(raw, sim.model, noise, period, INTERVALS, dt, np.random.default_rng([seed, 11]))
     if w.count < 10:
         return noise
-    best = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
+    best = NOTHING
     level = _level(sim, best, w)
     for _ in range(DEPTH):
         if _size(level) <= _size(_floor(sim.model.nv)):

@@ -15,13 +15,14 @@ import numpy as np
 
 from mpge_jax.diagnosis import resume
 from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
-from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
+from mpge_jax.diagnosis.calibrate import floor, force_noise
 from mpge_jax.diagnosis.candidates import all_terms
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
-from mpge_jax.diagnosis.finish import final_fit, prune
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.finish import final_fit, prune, refined
+from mpge_jax.diagnosis.fit import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.judge import FitReport, error_drops, fit_report, helps, locate, what_is_left
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.prepare import Prepared, is_servo, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
@@ -32,32 +33,16 @@ from mpge_jax.diagnosis.select import Rival, Scored, Search
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.staleness import staleness
 from mpge_jax.diagnosis.telling import telling_windows
-from mpge_jax.diagnosis.verdict import (
-    LEFT,
-    Errors,
-    active_dofs,
-    errors,
-    excess_by_dof,
-    noise_floor,
-)
-from mpge_jax.diagnosis.whiten import Whitener, column_scale, whitener
+from mpge_jax.diagnosis.whiten import whitener
 from mpge_jax.diagnosis.windows import Source, Windows
 
 Array = np.ndarray
 POOL = 3
 """Training windows that are looked at for each one that is fitted."""
+REFINED = 60
+"""Windows of the reported length, at most, from which parameters are refined in the end."""
 EXCHANGES = 2
 """Terms that may be exchanged for better ones once the whole hypothesis is known."""
-
-
-@dataclass
-class FitReport:
-    """Open-loop errors on windows of the reported length, nominal and corrected model on the same windows."""
-
-    windows: Windows
-    before: Errors
-    after: Errors
-    floor: float
 
 
 @dataclass
@@ -204,30 +189,32 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
                 f"the servos' measured forces act {1e3 * age:.2g} ms late, as those of servos that compute in steps "
                 "and hold their force; this is taken into account and is no missing physics."
             )
-        p = with_drives(p, plain, *drives, age=dict.fromkeys(servos, age))
+            p = with_drives(p, plain, *drives, age=dict.fromkeys(servos, age))
     s = _build_search(p, say)
     if progress is not None:
         resume.attach(s, p, progress)
     say(f"{len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows")
-    f, last = search(s) if s.terms else (s.nominal(), [])
-    best, rivals = _settle(s, f, last)
-    if best.fit.hypothesis.terms and not _helps(p, best.fit):
-        s.log.append(f"dropped: {best.fit.hypothesis} predicts held-out recordings no better")
-        nominal = s.nominal()
-        best, rivals = s.score([nominal], s.whiten(nominal, temper=False))[0], {}
-    f = best.fit
+    f, last = search(s) if s.terms else (NOTHING, [])
+    decided, rivals = _settle(s, f, last)
+    say("refining its parameters")
+    f = refined(s, decided, p.windows(False, c.report_s, REFINED))
+    held = fit_report(p, f, held=True)
+    if not helps(held):
+        s.log.append(f"dropped: {f.hypothesis} predicts held-out recordings no better")
+        f, decided, rivals = NOTHING, NOTHING, {}
+        held = fit_report(p, f, held=True)
     say("judging what is left")
-    noise = floor(p, f)
-    shown = (p, f)
+    noise = floor(p, decided)
+    shown, ratio = (p, f), noise.ratio
     if actuators is not None and actuators.fits and not f.hypothesis.terms:
         shown = by_command(p, plain, actuators)
         # no measured force, and no noise of one, drives this machine
-        noise = replace(noise, ratio=min(noise.ratio, 1.0))
-    train, held = (_report(*shown, is_held, noise) for is_held in (False, True))
-    plain_whites = s.whiten(f, temper=False)
+        ratio = min(ratio, 1.0)
+        held = fit_report(*shown, held=True)
+    train, held = (r.above(ratio) for r in (fit_report(*shown, held=False), held))
     found = bool(f.hypothesis.terms) or (actuators is not None and bool(actuators.fits))
-    unexplained = _left(p, s, s.score([f], plain_whites)[0], plain_whites, held, noise, found)
-    drop = _error_drops(p, f, held)
+    unexplained = what_is_left(p, s, decided, held, noise, found)
+    drop = error_drops(p, f, held)
     ambiguous = any(r.tied for rs in rivals.values() for r in rs)
     verdict = "none"
     if unexplained is not None:
@@ -237,14 +224,14 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     elif found:
         verdict = "effects"
     warnings = list(dict.fromkeys(p.warnings))
-    location = _locate(p, s)
+    location = locate(p, s)
     return Diagnosis(
         verdict, p, f, rivals, drop, train, held, location, unexplained, warnings, c, log=s.log,
         actuators=actuators,
     )  # fmt: skip
 
 
-def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Scored, dict[Term, list[Rival]]]:
+def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term, list[Rival]]]:
     """The final fit with its rivals, after exchanging terms for rivals that predict clearly better."""
     for left in reversed(range(EXCHANGES + 1)):
         f, whites = final_fit(s, prune(s, f))
@@ -256,7 +243,7 @@ def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Scored, dict[Term
         s.log.append(f"exchanged: {f.hypothesis} -> {better.fit.hypothesis}")
         s.resume = better.fit
         f, last = search(s)
-    return best, rivals
+    return f, rivals
 
 
 def _build_search(p: Prepared, say: _Progress) -> Search:
@@ -318,80 +305,3 @@ def by_command(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> tuple
         measured=np.zeros_like(p.measured),
     )  # fmt: skip
     return driven, Fitted(hypothesis, theta, theta)
-
-
-def _helps(p: Prepared, f: Fitted) -> bool:
-    """Whether held-out windows of the reported length are predicted better, in the mean or more often than not.
-
-    The search judges shorter ones, in units of their noise: where that was underestimated, an effect may win there that
-    helps nobody.
-    """
-    w = p.windows(True, p.config.report_s, 60, seed=1)
-    nominal = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
-    before, after = errors(p.sim, nominal, w), errors(p.sim, f, w)
-    oftener = (after.window < before.window).sum() > (after.window > before.window).sum()
-    return bool(not w.count or after.rms < before.rms or oftener)
-
-
-def _report(p: Prepared, f: Fitted, held: bool, noise: Floor) -> FitReport:
-    w = p.windows(held, p.config.report_s, 60 if held else 40, seed=1)
-    nominal = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
-    scale = column_scale(p.noise, p.model)
-    before = errors(p.sim, nominal, w)
-    after = errors(p.sim, f, w) if f.hypothesis.terms else before
-    alone = noise.ratio * float(np.sqrt(noise_floor(p.sim, f, w, scale).mean()))
-    return FitReport(w, before, after, min(alone, after.rms))
-
-
-def _left(
-    p: Prepared,
-    s: Search,
-    best: Scored,
-    whites: tuple[Whitener, Whitener],
-    held: FitReport,
-    noise: Floor,
-    corrected: bool,
-) -> dict[str, Any] | None:
-    """What the chosen effects leave, if it is more than noise. corrected: whether any effect was found."""
-    losses = s.typical_losses(best)
-    s.log.append(f"left: loss {losses.mean():.3f}, floor {noise.loss:.3f} +- {noise.error:.3f}")
-    before, after = held.before.rms, held.after.rms
-    beyond = np.sqrt(max(after**2 - held.floor**2, 0.0)) / max(
-        np.sqrt(max(before**2 - held.floor**2, 0.0)), 1e-12
-    )
-    beyond = min(float(beyond), 1.0) if corrected else 1.0
-    significant = noise.exceeded(losses) or noise.far(best.losses)
-    if not significant or beyond < LEFT:
-        if significant:
-            p.warnings.append(
-                f"a remainder of {100 * beyond:.1f} % of the error is more than noise (friction law, timestep or "
-                "integrator differ in detail); it does not change what is named."
-            )
-        return None
-    ratio, _ = excess_by_dof(s.sim, best.fit, s.held, whites[1])
-    from mpge_jax.diagnosis.remainder import describe
-
-    return describe(p, s, best, ratio, beyond**2)
-
-
-def _error_drops(p: Prepared, f: Fitted, held: FitReport) -> dict[Term, float]:
-    """Share of the held-out squared error that goes with each effect, the others kept."""
-    out = {}
-    parts = f.hypothesis.split(p.ctx, f.theta)
-    for term in f.hypothesis.terms:
-        h = f.hypothesis.without(term)
-        without = errors(p.sim, replace(f, hypothesis=h, theta=h.gather(p.ctx, parts)), held.windows).rms
-        out[term] = float(1.0 - held.after.rms**2 / max(without**2, 1e-30))
-    return out
-
-
-def _locate(p: Prepared, s: Search) -> list[tuple[str, str, float]]:
-    """Where the nominal model lacks force: (place, kind, ratio to what noise explains), largest first."""
-    nominal = s.nominal()
-    whites = s.whiten(nominal, temper=False)
-    ratio, _ = excess_by_dof(s.sim, nominal, s.train, whites[0])
-    out: dict[str, float] = {}
-    for d in active_dofs(p.model) or range(p.model.nv):
-        name = p.names.joint_of_dof(p.model, d)
-        out[name] = max(out.get(name, 0.0), float(ratio[d]))
-    return [(n, "joint", e) for n, e in sorted(out.items(), key=lambda x: -x[1])]

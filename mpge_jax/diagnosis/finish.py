@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.screen import ELABORATE
 from mpge_jax.diagnosis.select import SIGNIFICANT, SMALL, Search
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.whiten import Whitener, whitener
+from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
 WEAKEST = 6
@@ -65,10 +66,26 @@ def final_fit(s: Search, current: Fitted) -> tuple[Fitted, tuple[Whitener, White
             break
         current = fit(s.sim, [current], s.train, whites[0], iterations=6, tolerance=1e-5)[0]
     whites = s.whiten(current)
-    return with_timestep_error(s, current), whites
+    return with_timestep_error(s, current, s.train), whites
 
 
-def with_timestep_error(s: Search, f: Fitted) -> Fitted:
+def refined(s: Search, f: Fitted, w: Windows) -> Fitted:
+    """`f` with the parameters that longer windows `w` determine, and what the two kinds disagree in.
+
+    What is wrong with a window's first state, or with the model, pulls parameters the less the longer the window is:
+    the difference from the decision's windows, as far as noise does not explain it, is a bias of which the longer ones
+    keep a part, taken as a third (it falls between the first and second power of the length).
+    """
+    if not f.theta.size or not w.count:
+        return f
+    longer = fit(s.sim, [f], w, s.whiten_one(f, w), iterations=6, tolerance=1e-4)[0]
+    longer = with_timestep_error(s, longer, w)
+    noise = np.diag(f.cov) + np.diag(longer.cov)
+    bias = np.sqrt(np.maximum((longer.theta - f.theta) ** 2 - noise, 0.0)) / 3.0
+    return replace(longer, cov=_widened(longer.cov, bias))
+
+
+def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
     """Add to the covariance what the timestep does to the parameters: their shift when it is halved.
 
     A semi-implicit step acts half a timestep early, which the fit takes for physics (a delay too long by that
@@ -76,11 +93,16 @@ def with_timestep_error(s: Search, f: Fitted) -> Fitted:
     """
     if not f.theta.size or not f.cov.size:
         return f
-    white = whitener(s.sim, f.hypothesis, f.theta, s.train, s.noise)
+    white = whitener(s.sim, f.hypothesis, f.theta, w, s.noise)
     run = [Run(f.hypothesis, f.theta)]
-    moved = white(s.sim.residuals(run, s.train.refined(2))[0])
-    shift = np.abs(gauss_newton_shift(s.sim, f, s.train, white, moved))
-    deviation = np.sqrt(np.maximum(np.diag(f.cov), 0.0))
-    shift = np.hypot(shift, timing_error(f.hypothesis.params(s.sim.ctx), f.theta, s.train.dt))
-    widths = np.where(deviation > 0, np.sqrt(deviation**2 + shift**2) / np.maximum(deviation, 1e-300), 1.0)
-    return replace(f, cov=f.cov * widths[:, None] * widths[None, :])
+    moved = white(s.sim.residuals(run, w.refined(2))[0])
+    shift = np.abs(gauss_newton_shift(s.sim, f, w, white, moved))
+    shift = np.hypot(shift, timing_error(f.hypothesis.params(s.sim.ctx), f.theta, w.dt))
+    return replace(f, cov=_widened(f.cov, shift))
+
+
+def _widened(cov: Array, error: Array) -> Array:
+    """A covariance [p, p] whose deviations hold further errors [p] too, with its correlations."""
+    deviation = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    widths = np.where(deviation > 0, np.hypot(deviation, error) / np.maximum(deviation, 1e-300), 1.0)
+    return cov * widths[:, None] * widths[None, :]

@@ -48,6 +48,10 @@ class Fitted:
         return int((values > 16.0).sum())
 
 
+NOTHING = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
+"""The nominal model."""
+
+
 def prior_widths(params: list[Param]) -> Array:
     return np.array([p.prior or 30.0 * p.scale for p in params])
 

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Place
-from mpge_jax.diagnosis.fit import Fitted
-from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.fit import NOTHING
+from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import floating_base_joints, moments
 from mpge_jax.diagnosis.parameters import candidates_of
 from mpge_jax.diagnosis.verdict import excess_by_dof
@@ -64,10 +64,9 @@ def _base(p: Prepared) -> dict[str, float]:
     seen = [j for j in joints if not any(np.isnan(r.qpos[:, m.jnt_qposadr[j]]).all() for r in recordings)]
     if not seen:
         return {}
-    nothing = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
     w = p.windows(False, p.config.decide_s, p.config.train_windows)
-    white = whitener(p.sim, nothing.hypothesis, nothing.theta, w, p.noise, temper=False)
-    ratio, _ = excess_by_dof(p.sim, nothing, w, white)
+    white = whitener(p.sim, NOTHING.hypothesis, NOTHING.theta, w, p.noise, temper=False)
+    ratio, _ = excess_by_dof(p.sim, NOTHING, w, white)
     return {p.names.joints[j]: float(max(ratio[m.dof_jntid == j])) for j in sorted(seen)}
 
 

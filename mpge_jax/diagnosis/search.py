@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.dense import AFTER, everywhere
-from mpge_jax.diagnosis.fit import Fitted, fit
+from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.select import Scored, Search, with_simpler
 
@@ -14,7 +14,7 @@ FAR = 2.5
 
 def search(s: Search) -> tuple[Fitted, list[Scored]]:
     """Forward selection with a small beam in the first two rounds; returns the fit and the last round's field."""
-    current = s.resume or s.nominal()
+    current = s.resume or NOTHING
     last: list[Scored] = []
     first_round: list[Scored] = []
     while len(current.hypothesis.terms) < s.max_terms:

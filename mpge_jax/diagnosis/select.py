@@ -10,7 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.calibrate import Floor
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.evidence import EVIDENCE, SEVERAL, deviations, rare, stand_out, standard_error, strong
-from mpge_jax.diagnosis.fit import Fitted, evaluate, fit
+from mpge_jax.diagnosis.fit import NOTHING, Fitted, evaluate, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.screen import ELABORATE, screen
 from mpge_jax.diagnosis.simulate import Run, Simulator
@@ -109,15 +109,12 @@ class Search:
     typical: int | None = None
     floor: Callable[[Fitted], Floor] | None = None
 
-    def nominal(self) -> Fitted:
-        return Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
-
     def whiten(self, around: Fitted, temper: bool = True) -> tuple[Whitener, Whitener]:
         """Whiteners of training and held-out windows around a fit."""
         return self.whiten_one(around, self.train, temper), self.whiten_one(around, self.held, temper)
 
     def whiten_one(self, around: Fitted, w: Windows, temper: bool = True) -> Whitener:
-        nuisance = [numerics(self.sim, around.hypothesis, around.theta, w)]
+        nuisance = numerics(self.sim, around.hypothesis, around.theta, w)
         return whitener(self.sim, around.hypothesis, around.theta, w, self.noise, nuisance, temper)
 
     def score(self, fits: list[Fitted], whites: tuple[Whitener, Whitener]) -> list[Scored]:
@@ -255,7 +252,7 @@ class Search:
     def share(self, new: Fitted, old: Fitted) -> float:
         """How far `new` moves the predictions of `old`, over the nominal model's error, at the joint where most."""
         nv = self.sim.model.nv
-        fits = (self.nominal(), old, new)
+        fits = (NOTHING, old, new)
         res = self.sim.residuals([Run(f.hypothesis, f.theta) for f in fits], self.held)[..., :nv]
         seen = np.isfinite(res).all(0)
         nominal, before, after = np.where(seen, np.clip(res, -1e3, 1e3), 0.0)

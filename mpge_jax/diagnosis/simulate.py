@@ -97,6 +97,15 @@ class Simulator:
         m = self.model
         self._joint_drive = np.array([is_joint_transmission(m, a) for a in range(m.nu)], dtype=bool)
 
+    @contextmanager
+    def integrator(self, kind: mujoco.mjtIntegrator) -> Iterator[None]:
+        """Simulate with another integrator inside a `with` block."""
+        own, self.model.opt.integrator = self.model.opt.integrator, kind
+        try:
+            yield
+        finally:
+            self.model.opt.integrator = own
+
     def residuals(self, runs: list[Run], w: Windows) -> Array:
         """Measured minus predicted: [R, W, N, 2 nv], positions then velocities, in joint space; NaN unmeasured."""
         out = np.empty((len(runs), w.count, w.times.shape[1], 2 * self.model.nv))

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mpge_jax.diagnosis.fit import Fitted
-from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.fit import NOTHING
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.verdict import excess_by_dof
 from mpge_jax.diagnosis.whiten import whitener
@@ -36,9 +35,8 @@ def staleness(p: Prepared, servos: list[int]) -> float:
     w = p.windows(False, p.config.decide_s, WINDOWS, seed=9)
     if w.count < 4:
         return 0.0
-    nominal = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
-    white = whitener(p.sim, nominal.hypothesis, nominal.theta, w, p.noise, temper=False)
-    _, missing = excess_by_dof(p.sim, nominal, w, white)
+    white = whitener(p.sim, NOTHING.hypothesis, NOTHING.theta, w, p.noise, temper=False)
+    _, missing = excess_by_dof(p.sim, NOTHING, w, white)
     ages = []
     for a in servos:
         joint = int(p.model.actuator_trnid[a, 0])

@@ -2,7 +2,7 @@
 
 A window's residual has covariance S = sigma^2 I + kappa^2 Phi P Phi^T + D D^T: measurement noise, the uncertain
 start state (Phi: sensitivity of the window to its start, P: the smoother's covariance) and nuisance directions D
-such as the effect of a finer timestep. Whitening multiplies by S^(-1/2), through a thin SVD per window.
+such as those of a finer timestep. Whitening multiplies by S^(-1/2), through a thin SVD per window.
 
 Where the hypothesis around which one whitens misses the data by more than noise, sigma is enlarged until its median
 window is ordinary (tempering): a model that is wrong by a hundred deviations says nothing at the scale of one, and
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.hypothesis import Hypothesis
@@ -143,11 +144,17 @@ def whitener(
     return white
 
 
-def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> Array:
-    """Change of the residuals [W, N, 2 nv] when the timestep is halved: a mismatch that is no physics."""
+def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> list[Array]:
+    """Changes of the residuals [W, N, 2 nv] by what is no physics: the timestep is halved (of Runge-Kutta, which that does
+    not change: replaced by semi-implicit steps of a quarter), and the commands act an eighth of a timestep later."""
     run = [Run(hypothesis, theta)]
-    coarse = sim.residuals(run, w)[0]
-    return sim.residuals(run, w.refined(2))[0] - coarse
+    plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(w.dt / 8)))
+    if sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+            finer = sim.residuals(run, w.refined(4))[0]
+    else:
+        finer = sim.residuals(run, w.refined(2))[0]
+    return [finer - plain, late - plain]
 
 
 def robust_loss(x: Array) -> Array:

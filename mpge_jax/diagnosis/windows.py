@@ -120,12 +120,18 @@ class Windows:
     def refined(self, factor: int) -> Windows:
         """The same windows with `factor` times as many steps."""
         dt, steps = self.dt / factor, self.steps * factor
-        before = int(np.ceil(HISTORY / dt))
-        grid = dt * np.arange(-before, steps + 1)
-        command = np.array(
-            [self.sources[s].mean_command(t + grid) for s, t in zip(self.source, self.start, strict=True)]
-        ).reshape(self.count, before + steps, -1)
-        return replace(self, dt=dt, steps=steps, command=command)
+        grid = dt * np.arange(-int(np.ceil(HISTORY / dt)), steps + 1)
+        return replace(self, dt=dt, steps=steps, command=self._commands(grid))
+
+    def later(self, seconds: float) -> Windows:
+        """The same windows with commands that act later."""
+        grid = self.dt * np.arange(-self.history, self.steps + 1) - seconds
+        return replace(self, command=self._commands(grid))
+
+    def _commands(self, grid: Array) -> Array:
+        """Mean commands [W, L, nu] between consecutive times `grid` [L + 1] after the starts."""
+        rows = [self.sources[s].mean_command(t + grid) for s, t in zip(self.source, self.start, strict=True)]
+        return np.array(rows).reshape(self.count, grid.size - 1, self.command.shape[2])
 
 
 def choose_dt(recordings: list[Recording], timestep: float) -> float:

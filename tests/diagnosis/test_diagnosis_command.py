@@ -19,8 +19,7 @@ from experiments.diagnose import main
 from mpge_jax.diagnosis import Config, InputError, diagnose, outputs
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.export import write_models
-from mpge_jax.diagnosis.fit import Fitted
-from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.fit import NOTHING
 from mpge_jax.diagnosis.model import load_spec
 
 EFFECTS = ["coulomb_friction", "viscous_damping", "actuator_gain"]
@@ -113,9 +112,8 @@ def test_models_are_written_with_the_files_they_need(tmp_path):
     tip = '<geom type="mesh" mesh="tip" contype="0" conaffinity="0"/></body></worldbody>'
     xml = PENDULUM.replace("<mujoco>", asset).replace("</body></worldbody>", tip)
     (source / "model.xml").write_text(xml)
-    nothing = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
     given = SimpleNamespace(spec=load_spec(source / "model.xml"))
-    write_models(SimpleNamespace(prepared=given, fit=nothing, ctx=None, actuators=None), out)
+    write_models(SimpleNamespace(prepared=given, fit=NOTHING, ctx=None, actuators=None), out)
     shutil.rmtree(source)
     for name in ("nominal.xml", "corrected.xml"):
         assert mujoco.MjModel.from_xml_path(str(out / name)).nmesh == 1

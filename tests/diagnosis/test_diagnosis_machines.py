@@ -10,7 +10,7 @@ import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.diagnosis import _build_search
-from mpge_jax.diagnosis.fit import Fitted, fit
+from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.parameters import candidates_of
@@ -72,13 +72,13 @@ def test_the_encoders_of_the_held_out_session_of_c0_had_other_zeros():
         parts = {t: np.asarray(t.effect.starts(p.ctx, t.place))[0] for t in terms}
         hypothesis = Hypothesis.of(*terms)
         start = hypothesis.gather(p.ctx, parts)
-        found, white = Fitted(hypothesis, start, start), s.whiten_one(s.nominal(), fitted_to)
+        found, white = Fitted(hypothesis, start, start), s.whiten_one(NOTHING, fitted_to)
         for _ in range(3):
             found = fit(p.sim, [found], fitted_to, white)[0]
             white = s.whiten_one(found, fitted_to)
         values = hypothesis.split(p.ctx, found.theta)
         offsets[name] = np.array([values[t][0] for t in terms if t.id == "encoder_offset"])
-        before, after = errors(p.sim, s.nominal(), windows), errors(p.sim, found, windows)
+        before, after = errors(p.sim, NOTHING, windows), errors(p.sim, found, windows)
         medians = [np.median(np.sqrt(np.nanmean(e.curves**2, axis=1)), axis=0) for e in (before, after)]
         ratio[name] = medians[0] / medians[1]
     assert (np.abs(offsets["training"]) < 0.01).all()

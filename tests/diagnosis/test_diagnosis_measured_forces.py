@@ -9,7 +9,7 @@ from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.actuator_side import diagnose_actuators
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
 from mpge_jax.diagnosis.diagnosis import _build_search
-from mpge_jax.diagnosis.fit import Fitted, fit
+from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import Prepared, prepare, servo_jumps, with_drives
@@ -76,7 +76,7 @@ def test_a_servo_that_is_as_modelled_seems_to_lack_no_damping():
     term = next(t for t in s.terms if t.id == "viscous_damping")
     h = Hypothesis.of(term)
     start = Fitted(h, np.array([0.01]), np.array([0.01]))
-    found = fit(s.sim, [start], s.train, s.whiten_one(s.nominal(), s.train))[0]
+    found = fit(s.sim, [start], s.train, s.whiten_one(NOTHING, s.train))[0]
     # 0.1 where the servo is believed to know its next command (gear^2 kp times half a row)
     assert abs(found.theta[0]) < 0.01
 
@@ -149,7 +149,7 @@ def test_a_servo_that_was_found_to_differ_jumps_as_it_does():
 def test_noise_in_measured_forces_is_in_the_floor(rate, noise):
     p, s = _search(_driven(noise, rate))
     assert force_noise(p)[0] == pytest.approx(noise, rel=0.3)
-    nominal = s.nominal()
+    nominal = NOTHING
     losses = s.typical_losses(s.score([nominal], s.whiten(nominal, temper=False))[0])
     assert losses.mean() > 2.0
     assert Floor().exceeded(losses)

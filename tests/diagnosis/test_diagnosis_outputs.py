@@ -10,7 +10,7 @@ from machines import PENDULUM
 from mpge_jax.diagnosis.actuator_side import ActuatorSide
 from mpge_jax.diagnosis.effects.base import Place, nominal_context
 from mpge_jax.diagnosis.export import corrected_spec
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fit import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable
 from mpge_jax.diagnosis.outputs import effects_table
@@ -22,11 +22,10 @@ from mpge_jax.diagnosis.words import explanation, quantity
 
 
 def test_forms_of_a_rival_are_one_entry_and_ties_win():
-    nothing = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
     elbow, wrist = Place("joint", "elbow", 0), Place("joint", "wrist", 1)
 
     def rival(name: str, place: Place, margin: float, tied: bool = False) -> Rival:
-        return Rival(Term(name, place), nothing, margin, 0.1, "", tied)
+        return Rival(Term(name, place), NOTHING, margin, 0.1, "", tied)
 
     plain, gear = "load_dependent_friction", "load_dependent_friction:gear"
     rivals = [rival(gear, elbow, 0.1), rival(plain, elbow, 0.2), rival(plain, wrist, 0.3)]
@@ -45,10 +44,9 @@ def test_table_says_which_effects_of_a_drive_the_corrected_model_holds():
     rows = [
         {"id": t.id, "form": t.id, "at": "motor", "kind": "actuator", "parameters": {}} for t in (gain, gap)
     ]
-    nothing = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
     d = SimpleNamespace(
         prepared=SimpleNamespace(spec=spec),
-        fit=nothing,
+        fit=NOTHING,
         ctx=ctx,
         terms=(),
         actuators=ActuatorSide(ctx, [f], table=rows),

@@ -260,8 +260,7 @@ def test_models_with_meshes_beside_their_folder_can_be_written(tmp_path):
     from types import SimpleNamespace
 
     from mpge_jax.diagnosis.export import write_models
-    from mpge_jax.diagnosis.fit import Fitted
-    from mpge_jax.diagnosis.hypothesis import Hypothesis
+    from mpge_jax.diagnosis.fit import NOTHING
 
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "a.obj").write_text(TETRAHEDRON)
@@ -271,10 +270,9 @@ def test_models_with_meshes_beside_their_folder_can_be_written(tmp_path):
     body = '<worldbody><body><joint/><geom type="mesh" mesh="a"/></body></worldbody></mujoco>'
     (tmp_path / "urdf" / "robot.xml").write_text(asset + body)
     for name in ("robot.urdf", "robot.xml"):
-        nothing = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
         given = SimpleNamespace(spec=load_spec(tmp_path / "urdf" / name))
         out = tmp_path / f"out_{name}"
-        write_models(SimpleNamespace(prepared=given, fit=nothing, ctx=None, actuators=None), out)
+        write_models(SimpleNamespace(prepared=given, fit=NOTHING, ctx=None, actuators=None), out)
         import mujoco
 
         assert mujoco.MjModel.from_xml_path(str(out / "corrected.xml")).nmesh == 1

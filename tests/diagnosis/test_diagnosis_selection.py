@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.calibrate import floor
 from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.effects.base import REGISTRY, Effect, Place, nominal_context
 from mpge_jax.diagnosis.finish import final_fit
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fit import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
@@ -109,7 +109,7 @@ def test_what_is_left_on_a_free_body_does_not_raise_the_floor():
     for r in recordings:
         r.qpos[:, 3:] /= np.linalg.norm(r.qpos[:, 3:], axis=1, keepdims=True)
     p = _prepared(FLYER, recordings)
-    assert floor(p, Fitted(Hypothesis(), np.zeros(0), np.zeros(0))).loss < 2.0
+    assert floor(p, NOTHING).loss < 2.0
 
 
 @pytest.fixture(scope="module")
