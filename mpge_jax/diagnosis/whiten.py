@@ -145,8 +145,11 @@ def whitener(
 
 
 def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> list[Array]:
-    """Changes of the residuals [W, N, 2 nv] by what is no physics: the timestep is halved (of Runge-Kutta, which that does
-    not change: replaced by semi-implicit steps of a quarter), and the commands act an eighth of a timestep later."""
+    """Changes of the residuals [W, N, 2 nv] by what is no physics.
+
+    The timestep is halved (of Runge-Kutta, which that does not change: replaced by semi-implicit steps of a quarter),
+    and the commands act an eighth of a timestep later.
+    """
     run = [Run(hypothesis, theta)]
     plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(w.dt / 8)))
     if sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
