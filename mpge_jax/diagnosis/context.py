@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.contacts import touching_pairs
 from mpge_jax.diagnosis.effects.base import Context, Samples, nominal_context
-from mpge_jax.diagnosis.effects.world import contact_geoms
 from mpge_jax.diagnosis.model import Names, is_scalar, moments
 from mpge_jax.diagnosis.windows import Source
 
@@ -43,16 +43,16 @@ def inverse_samples(
             arm = data.xipos - data.subtree_com[model.body_rootid]
             speed.append(np.linalg.norm(data.cvel[:, 3:] + np.cross(data.cvel[:, :3], arm), axis=1))
     samples = Samples(
-        np.array(q).reshape(-1, model.nq),
-        np.array(v).reshape(-1, model.nv),
-        np.array(residual).reshape(-1, model.nv),
+        np.array(q).reshape(len(q), model.nq),
+        np.array(v).reshape(len(v), model.nv),
+        np.array(residual).reshape(len(residual), model.nv),
     )
     return (
         samples,
-        np.array(needed).reshape(-1, model.nv),
-        np.array(drive).reshape(-1, model.nu),
-        np.array(a).reshape(-1, model.nv),
-        np.array(speed).reshape(-1, model.nbody),
+        np.array(needed).reshape(len(needed), model.nv),
+        np.array(drive).reshape(len(drive), model.nu),
+        np.array(a).reshape(len(a), model.nv),
+        np.array(speed).reshape(len(speed), model.nbody),
     )
 
 
@@ -84,6 +84,8 @@ def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ..
     largest = np.quantile(np.abs(drive), 0.98, axis=0) if len(drive) else np.ones(model.nu)
     steps = np.concatenate([np.diff(s.recording.time) for s in sources])
     floor = 1e-3 * float(scale.max())
+    # where a column was never measured, nobody knows what touched
+    known = len(samples.q) and not any(np.isnan(s.recording.qpos).all(0).any() for s in sources)
     return Context(
         model=model,
         names=names,
@@ -97,7 +99,7 @@ def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ..
         mass=base.mass,
         period=float(np.median(steps)),
         timestep=base.timestep,
-        contacts=contact_geoms(model),
+        contacts=touching_pairs(model, samples.q, base.length) if known else base.contacts,
         weight=max(
             weight, float(base.mass * np.median(np.abs(acceleration))) if len(acceleration) else 1.0, 1e-3
         ),

@@ -357,3 +357,15 @@ def test_another_integrator_and_commands_within_a_timestep_are_no_physics():
         left.append(evaluate(s.sim, [NOTHING], s.train, white)[0].loss)
     assert left[0] > 2.0 and left[1] < 1.2
     assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+
+
+def test_a_machine_without_actuators_is_diagnosed_from_its_swings():
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[0] = 0.05
+        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+    xml = PENDULUM[: PENDULUM.index("<actuator>")] + "</mujoco>"
+    recordings = [dataclasses.replace(r, ctrl=None) for r in record(xml, 1.0, change=change)]
+    d = diagnose(mujoco.MjSpec.from_string(xml), recordings, Config(jobs=1))
+    assert d.terms == (COULOMB,)
+    assert d.fit.theta[0] == pytest.approx(0.05, rel=0.02)

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis import model as mj
+from mpge_jax.diagnosis.contacts import Pairs, allowed_pairs
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Context:
         of mass (m/s). travel: [nv] typical range of motion.
         acceleration: [nv]. drive: [nu] typical actuator force (before the gear). length: characteristic length
         of the machine (m). mass: its moving mass (kg). period: median sample time (s). timestep: the nominal
-        model's (s).
+        model's (s). contacts: pairs of geoms that touch.
     """
 
     model: mujoco.MjModel
@@ -77,7 +78,7 @@ class Context:
     mass: float
     period: float
     timestep: float
-    contacts: tuple[int, ...] = ()
+    contacts: Pairs = ()
     weight: float = 10.0
     samples: Samples | None = None
 
@@ -114,7 +115,7 @@ def nominal_context(model: mujoco.MjModel, period: float = 0.01) -> Context:
         mass,
         period,
         float(model.opt.timestep),
-        contacts=tuple(range(model.ngeom)),
+        contacts=allowed_pairs(model),
         weight=mass * 9.81,
     )
 
@@ -130,7 +131,7 @@ def default_places(ctx: Context, kind: str) -> list[Place]:
     if kind == "body":
         return [Place("body", names.bodies[b], b) for b in mj.moving_bodies(m)]
     if kind == "geom":
-        touching = [g for g in ctx.contacts if g < m.ngeom]
+        touching = sorted({g for pair in ctx.contacts for g in pair})
         return [Place("geom", names.geoms[g], g) for g in touching]
     if kind == "world":
         return [Place("world", "world", 0)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect, register
@@ -118,23 +117,15 @@ class _Contact(Effect):
     pair_columns = 1
 
     def places(self, ctx: Context) -> list[Place]:
-        """The whole world and every geom that touches, but for the only thing that stands still where nothing else can
-        touch: all contacts are its contacts."""
+        """The whole world and every geom that touches, but for one that takes part in all contacts: it is the world."""
         if not ctx.contacts:
             return []
-        m = ctx.model
-        still = [g for g in ctx.contacts if m.body_weldid[m.geom_bodyid[g]] == 0]
-        moving = [g for g in ctx.contacts if g not in still]
-        meet = any(
-            m.geom_contype[a] & m.geom_conaffinity[b] and m.geom_bodyid[a] != m.geom_bodyid[b]
-            for a in moving
-            for b in moving
-        )
-        return [p for p in super().places(ctx) if p.kind == "world" or meet or still != [p.index]]
+        always = set(ctx.contacts[0]).intersection(*ctx.contacts)
+        return [p for p in super().places(ctx) if p.kind == "world" or p.index not in always]
 
     def null(self, ctx: Context, place: Place) -> np.ndarray:
         values = getattr(ctx.model, self.fields[0])[:, 0]
-        where = [place.index] if place.kind == "geom" else list(ctx.contacts)
+        where = [place.index] if place.kind == "geom" else sorted({g for pair in ctx.contacts for g in pair})
         return np.array([abs(float(np.max(values[where]))) if where else 1.0])
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
@@ -178,18 +169,3 @@ class ContactStiffness(_Contact):
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         dt, nominal = float(ctx.model.opt.timestep), float(self.null(ctx, place)[0])
         return (Param("time_constant", "s", 2 * dt, 1.0, max(0.05 * nominal, 1e-3)),)
-
-
-def contact_geoms(model: mujoco.MjModel) -> tuple[int, ...]:
-    """Geoms that could touch another by their collision masks."""
-    out = []
-    for g in range(model.ngeom):
-        for h in range(model.ngeom):
-            same = model.geom_bodyid[g] == model.geom_bodyid[h]
-            mask = (model.geom_contype[g] & model.geom_conaffinity[h]) | (
-                model.geom_contype[h] & model.geom_conaffinity[g]
-            )
-            if not same and mask:
-                out.append(g)
-                break
-    return tuple(out)

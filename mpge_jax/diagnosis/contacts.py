@@ -1,0 +1,39 @@
+"""Which geoms touch: by their collision masks, and in recorded poses."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import numpy as np
+
+Array = np.ndarray
+Pairs = tuple[tuple[int, int], ...]
+NEAR = 0.02
+"""Distance, over the machine's length, within which geoms may touch though they did not where rows were taken."""
+
+
+def allowed_pairs(model: mujoco.MjModel) -> Pairs:
+    """Pairs of geoms of different bodies that could touch by their collision masks."""
+    kind, partner, body = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
+    return tuple(
+        (g, h)
+        for g in range(model.ngeom)
+        for h in range(g + 1, model.ngeom)
+        if body[g] != body[h] and (kind[g] & partner[h] or kind[h] & partner[g])
+    )
+
+
+def touching_pairs(model: mujoco.MjModel, poses: Array, length: float) -> Pairs:
+    """Pairs of geoms that touch, or nearly do, in some of the poses [T, nq] of a machine of this length (m)."""
+    wide = copy.copy(model)
+    for margin in (wide.geom_margin, wide.pair_margin):
+        margin[:] = np.maximum(margin, NEAR * length)
+    data, found = mujoco.MjData(wide), set()
+    for qpos in poses:
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(wide, data)
+        mujoco.mj_comPos(wide, data)
+        mujoco.mj_collision(wide, data)
+        found |= {(int(min(g)), int(max(g))) for g in data.contact.geom[: data.ncon] if min(g) >= 0}
+    return tuple(sorted(found))

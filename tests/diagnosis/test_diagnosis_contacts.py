@@ -1,0 +1,62 @@
+"""Which geoms touch, and where effects of contacts are looked for."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from machines import BOX, record
+
+from mpge_jax.diagnosis import Config
+from mpge_jax.diagnosis.contacts import allowed_pairs, touching_pairs
+from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.model import compile_variable, names_of
+from mpge_jax.diagnosis.prepare import prepare
+from mpge_jax.diagnosis.recording import validate
+
+TWO = """<mujoco><option timestep="0.002"/><worldbody><geom name="floor" type="plane" size="5 5 1"/>
+<body name="left" pos="-.5 0 .1"><joint name="a" type="slide" axis="1 0 0"/><joint name="u" type="slide" axis="0 0 1"/>
+<geom name="left" type="sphere" size=".1" mass="1"/></body>
+<body name="right" pos=".5 0 .1"><joint name="b" type="slide" axis="1 0 0"/><joint name="w" type="slide" axis="0 0 1"/>
+<geom name="right" type="sphere" size=".1" mass="1"/></body></worldbody></mujoco>"""
+FLOOR, LEFT, RIGHT = 0, 1, 2
+
+
+@pytest.mark.parametrize(
+    ("poses", "pairs"),
+    [
+        ([[0, 0, 0, 0]], ((FLOOR, LEFT), (FLOOR, RIGHT))),
+        ([[0, 0.01, 0, 0.5]], ((FLOOR, LEFT),)),
+        ([[0, 0.05, 0, 0.5]], ()),
+        ([[0, 0.5, 0, 0.5], [0.39, 0.5, -0.4, 0.5]], ((LEFT, RIGHT),)),
+        (np.zeros((0, 4)), ()),
+    ],
+)
+def test_what_touches_in_the_recorded_poses(poses, pairs):
+    model = mujoco.MjModel.from_xml_string(TWO)
+    assert touching_pairs(model, np.array(poses), 1.0) == pairs
+    assert allowed_pairs(model) == ((FLOOR, LEFT), (FLOOR, RIGHT), (LEFT, RIGHT))
+    assert not model.geom_margin.any()
+
+
+def _places(xml: str, missing: int | None = None) -> list[str]:
+    spec = mujoco.MjSpec.from_string(xml)
+    plain = compile_variable(spec)
+    recordings = record(xml, 1.0, seconds=0.5)
+    for r in recordings:
+        if missing is not None:
+            r.qpos[:, missing] = np.nan
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    return [q.name for q in REGISTRY["contact_friction"].places(p.ctx)]
+
+
+def test_a_geom_that_takes_part_in_all_contacts_is_the_world():
+    assert _places(BOX) == ["world"]
+    # two balls that never meet: all contacts are the floor's
+    assert _places(TWO) == ["world", "left", "right"]
+    # nothing comes near the floor
+    assert (
+        _places(TWO.replace('pos="-.5 0 .1"', 'pos="-.5 0 9"').replace('pos=".5 0 .1"', 'pos=".5 0 9"')) == []
+    )
+    # where heights were not measured, nobody knows what touched
+    assert _places(TWO, missing=1) == ["world", "floor", "left", "right"]
