@@ -19,10 +19,11 @@ from mpge_jax.diagnosis.calibrate import floor, force_noise
 from mpge_jax.diagnosis.candidates import all_terms
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
+from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.finish import final_fit, prune, refined
 from mpge_jax.diagnosis.fit import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.judge import FitReport, error_drops, fit_report, helps, locate, what_is_left
+from mpge_jax.diagnosis.judge import FitReport, error_drops, fit_report, helps, locate, remains, what_is_left
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.prepare import Prepared, is_servo, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
@@ -39,6 +40,8 @@ from mpge_jax.diagnosis.windows import Source, Windows
 Array = np.ndarray
 POOL = 3
 """Training windows that are looked at for each one that is fitted."""
+FEWEST = 8
+"""Windows that it takes at least to look once more."""
 REFINED = 60
 """Windows of the reported length, at most, from which parameters are refined in the end."""
 EXCHANGES = 2
@@ -190,12 +193,22 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
                 "and hold their force; this is taken into account and is no missing physics."
             )
             p = with_drives(p, plain, *drives, age=dict.fromkeys(servos, age))
-    s = _build_search(p, say)
+    s = _build_search(p, say, c.decide_s)
+    if s.train.count < 2 or s.held.count < 1:
+        raise InputError(
+            f"the recordings hold only {s.train.count} training and {s.held.count} held-out windows of "
+            f"{c.decide_s} s; record longer."
+        )
     if progress is not None:
         resume.attach(s, p, progress)
     say(f"{len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows")
-    f, last = search(s) if s.terms else (NOTHING, [])
-    decided, rivals = _settle(s, f, last)
+    decided, rivals = _settle(s, *search(s))
+    if not decided.hypothesis.terms and not remains(s, decided, floor(p, decided)):
+        say("looking for slight effects in longer windows")
+        longer = _build_search(p, say, c.report_s)
+        if min(longer.train.count, longer.held.count) >= FEWEST:
+            decided, rivals = _settle(longer, *search(longer))
+            s.log += longer.log
     say("refining its parameters")
     f = refined(s, decided, p.windows(False, c.report_s, REFINED))
     held = fit_report(p, f, held=True)
@@ -246,17 +259,11 @@ def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term
     return f, rivals
 
 
-def _build_search(p: Prepared, say: _Progress) -> Search:
+def _build_search(p: Prepared, say: _Progress, length: float) -> Search:
+    """A search that decides by windows of a length (s)."""
     c = p.config
-    train, typical = _training_windows(p)
-    held = p.windows(True, c.decide_s, c.held_windows)
-    if train.count < 2 or held.count < 1:
-        from mpge_jax.diagnosis.errors import InputError
-
-        raise InputError(
-            f"the recordings hold only {train.count} training and {held.count} held-out windows of "
-            f"{c.decide_s} s; record longer."
-        )
+    train, typical = _training_windows(p, length)
+    held = p.windows(True, length, c.held_windows)
     sides = {"mechanical", "sensor"} if p.measured.all() and p.measured.size else None
     terms = all_terms(p.ctx, c.effects, sides)
     terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
@@ -269,9 +276,9 @@ def _build_search(p: Prepared, say: _Progress) -> Search:
     )
 
 
-def _training_windows(p: Prepared) -> tuple[Windows, int]:
+def _training_windows(p: Prepared, length: float) -> tuple[Windows, int]:
     """Windows to fit, and how many of them were drawn at random (the first ones)."""
-    pool = p.windows(False, p.config.decide_s, POOL * p.config.train_windows)
+    pool = p.windows(False, length, POOL * p.config.train_windows)
     if pool.count <= p.config.train_windows:
         return pool, pool.count
     nothing = Hypothesis()

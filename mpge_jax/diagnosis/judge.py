@@ -61,6 +61,14 @@ def helps(held: FitReport) -> bool:
     return bool(after.rms < before.rms or oftener)
 
 
+def remains(s: Search, f: Fitted, noise: Floor) -> bool:
+    """Whether `f` leaves more on the search's windows than the noise would."""
+    best = s.score([f], s.whiten(f, temper=False))[0]
+    losses = s.typical_losses(best)
+    s.log.append(f"left: loss {losses.mean():.3f}, floor {noise.loss:.3f} +- {noise.error:.3f}")
+    return noise.exceeded(losses) or noise.far(best.losses)
+
+
 def what_is_left(
     p: Prepared, s: Search, decided: Fitted, held: FitReport, noise: Floor, corrected: bool
 ) -> dict[str, Any] | None:
@@ -71,16 +79,12 @@ def what_is_left(
         held: errors with the effects as reported. noise: what the noise alone would leave.
         corrected: whether any effect was found.
     """
-    whites = s.whiten(decided, temper=False)
-    best = s.score([decided], whites)[0]
-    losses = s.typical_losses(best)
-    s.log.append(f"left: loss {losses.mean():.3f}, floor {noise.loss:.3f} +- {noise.error:.3f}")
     before, after = held.before.rms, held.after.rms
     beyond = np.sqrt(max(after**2 - held.floor**2, 0.0)) / max(
         np.sqrt(max(before**2 - held.floor**2, 0.0)), 1e-12
     )
     beyond = min(float(beyond), 1.0) if corrected else 1.0
-    significant = noise.exceeded(losses) or noise.far(best.losses)
+    significant = remains(s, decided, noise)
     if not significant or beyond < LEFT:
         if significant:
             p.warnings.append(
@@ -88,6 +92,8 @@ def what_is_left(
                 "integrator differ in detail); it does not change what is named."
             )
         return None
+    whites = s.whiten(decided, temper=False)
+    best = s.score([decided], whites)[0]
     ratio, _ = excess_by_dof(s.sim, decided, s.held, whites[1])
     return describe(p, s, best, ratio, beyond**2)
 

@@ -17,7 +17,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
     current = s.resume or NOTHING
     last: list[Scored] = []
     first_round: list[Scored] = []
-    while len(current.hypothesis.terms) < s.max_terms:
+    while s.terms and len(current.hypothesis.terms) < s.max_terms:
         depth = len(current.hypothesis.terms)
         s.say(f"looking for effect {depth + 1}")
         ranked, base = s.compete(current, s.terms)

@@ -42,7 +42,7 @@ def search_of(xml: str, recordings: list[Recording]):
     spec = mujoco.MjSpec.from_string(xml)
     plain = compile_variable(spec)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    return _build_search(p, lambda _text: None), p
+    return _build_search(p, lambda _text: None, p.config.decide_s), p
 
 
 def fitted(s, values: dict[Term, list[float]]) -> Fitted:
@@ -369,3 +369,17 @@ def test_a_machine_without_actuators_is_diagnosed_from_its_swings():
     d = diagnose(mujoco.MjSpec.from_string(xml), recordings, Config(jobs=1))
     assert d.terms == (COULOMB,)
     assert d.fit.theta[0] == pytest.approx(0.05, rel=0.02)
+
+
+def test_a_slight_effect_is_found_in_longer_windows():
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[0] = 0.005
+        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+    recordings = record(PENDULUM, 0.8, change=change, noise=2e-3, count=8, seconds=4.0)
+    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1))
+    assert d.terms == (COULOMB,)
+    assert d.fit.theta[0] == pytest.approx(0.005, rel=0.1)
+    # windows of a quarter second alone do not show it
+    again = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1, report_s=0.25))
+    assert again.verdict == "none"

@@ -22,7 +22,7 @@ def _search(change):
     plain = compile_variable(spec)
     recordings = record(ARM, [4.0, 0.8], change=change, count=4)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    return _build_search(p, lambda _text: None)
+    return _build_search(p, lambda _text: None, p.config.decide_s)
 
 
 def _fitted(s, theta: dict[str, float]) -> Fitted:

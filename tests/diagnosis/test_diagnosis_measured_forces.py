@@ -68,7 +68,7 @@ def _search(recordings: list[Recording]):
     spec = mujoco.MjSpec.from_string(SERVO)
     plain = compile_variable(spec)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    return p, _build_search(p, lambda _text: None)
+    return p, _build_search(p, lambda _text: None, p.config.decide_s)
 
 
 def test_a_servo_that_is_as_modelled_seems_to_lack_no_damping():

@@ -38,7 +38,7 @@ def _prepared(xml: str, recordings: list[Recording]):
 
 
 def _search(p):
-    return _build_search(p, lambda _text: None)
+    return _build_search(p, lambda _text: None, p.config.decide_s)
 
 
 def test_a_servos_force_is_no_staircase():
