@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import mannwhitneyu, norm
 
 from mpge_jax.diagnosis.coarse import states_as_measured
+from mpge_jax.diagnosis.evidence import SEVERAL
 from mpge_jax.diagnosis.fit import Fitted
 from mpge_jax.diagnosis.model import compile_variable
 from mpge_jax.diagnosis.noise import column_noise
@@ -24,8 +25,8 @@ Array = np.ndarray
 SEGMENT = 0.8
 EXCESS = 0.5
 """Relative chi^2 above the floor that counts as structure."""
-SEVERAL, SHARE = 3, 0.1
-"""Windows, and share of all windows, that show as much where few of them make the mean."""
+SHARE = 0.1
+"""Share of all windows, and at least `SEVERAL`, that show as much where few of them make the mean."""
 FAR = 5.0
 """Loss of a window that no noise explains, whatever the others show."""
 DOUBT = 3.0

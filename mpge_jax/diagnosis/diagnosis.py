@@ -203,7 +203,8 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
         resume.attach(s, p, progress)
     say(f"{len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows")
     decided, rivals = _settle(s, *search(s))
-    if not decided.hypothesis.terms and not remains(s, decided, floor(p, decided)):
+    slight = not decided.hypothesis.terms and not remains(s, decided, floor(p, decided))
+    if slight and c.report_s > c.decide_s:
         say("looking for slight effects in longer windows")
         longer = _build_search(p, say, c.report_s)
         if min(longer.train.count, longer.held.count) >= FEWEST:

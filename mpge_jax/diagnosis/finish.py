@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.screen import ELABORATE
 from mpge_jax.diagnosis.select import SIGNIFICANT, SMALL, Search
 from mpge_jax.diagnosis.simulate import Run
-from mpge_jax.diagnosis.whiten import Whitener, whitener
+from mpge_jax.diagnosis.whiten import Whitener, numerics, whitener
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
@@ -86,18 +86,18 @@ def refined(s: Search, f: Fitted, w: Windows) -> Fitted:
 
 
 def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
-    """Add to the covariance what the timestep does to the parameters: their shift when it is halved.
+    """Add to the covariance what the timestep, and the integrator, do to the parameters: their shifts by `numerics`.
 
     A semi-implicit step acts half a timestep early, which the fit takes for physics (a delay too long by that
-    much); the noise says nothing about it. The shift is one Gauss-Newton step. Times also carry `timing_error`.
+    much); the noise says nothing about it. Each shift is one Gauss-Newton step. Times also carry `timing_error`.
     """
     if not f.theta.size or not f.cov.size:
         return f
     white = whitener(s.sim, f.hypothesis, f.theta, w, s.noise)
-    run = [Run(f.hypothesis, f.theta)]
-    moved = white(s.sim.residuals(run, w.refined(2))[0])
-    shift = np.abs(gauss_newton_shift(s.sim, f, w, white, moved))
-    shift = np.hypot(shift, timing_error(f.hypothesis.params(s.sim.ctx), f.theta, w.dt))
+    residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
+    shift = timing_error(f.hypothesis.params(s.sim.ctx), f.theta, w.dt)
+    for change in numerics(s.sim, f.hypothesis, f.theta, w):
+        shift = np.hypot(shift, gauss_newton_shift(s.sim, f, w, white, white(residual + change)))
     return replace(f, cov=_widened(f.cov, shift))
 
 

@@ -5,10 +5,20 @@ from __future__ import annotations
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.evidence import EVIDENCE, standard_error
-from mpge_jax.diagnosis.fit import Fitted, fit
+from mpge_jax.diagnosis.fit import Fitted, evaluate, fit
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_joint_transmission
-from mpge_jax.diagnosis.select import KEEP_OF_MANY, MANY, SIGNIFICANT, TIE, Rival, Scored, Search, misses
+from mpge_jax.diagnosis.select import (
+    KEEP_OF_MANY,
+    MANY,
+    SIGNIFICANT,
+    TIE,
+    Rival,
+    Scored,
+    Search,
+    hopeful,
+    misses,
+)
 from mpge_jax.diagnosis.whiten import Whitener
 
 SPECIAL_CASES = {
@@ -55,7 +65,12 @@ def find_rivals(
         screened = s.screened(base, whites[0], candidates)
         fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
         pool = [fitted.get(r.hypothesis, r) for r in screened[:keep]]
-        fits = fit(s.sim, pool, *windows, iterations=2 if many else 4)
+        fits = fit(s.sim, pool, *windows, iterations=2)
+        if not many and fits:
+            near = hopeful(fits, evaluate(s.sim, [base], *windows)[0].loss)
+            nearest = {f.hypothesis for f in near}
+            far = [f for f in fits if f.hypothesis not in nearest]
+            fits = [*fit(s.sim, near, *windows, iterations=2), *far]
         if many:
             # the nearest is judged on all windows, so it is fitted to them
             fits.sort(key=lambda f: f.loss)

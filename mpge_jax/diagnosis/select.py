@@ -22,6 +22,8 @@ from mpge_jax.diagnosis.windows import Windows
 Array = np.ndarray
 KEEP = 7
 """Candidates that are fitted properly after screening."""
+FEW = 3
+"""Candidates that are fitted further however far they lag behind the best."""
 MANY, KEEP_OF_MANY = 5, 3
 """Terms beyond which a further one competes with fewer others: the cost of a fit grows with the square of the terms,
 and little is left for them to explain."""
@@ -157,8 +159,7 @@ class Search:
             return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
         many = len(base.hypothesis.terms) > MANY
         keep = KEEP_OF_MANY if many else keep
-        fits = fit(self.sim, with_simpler(screened, keep), *sample, iterations=4)
-        fits.sort(key=lambda f: f.loss)
+        fits = hopeful(fit(self.sim, with_simpler(screened, keep), *sample, iterations=4), before)
         winner = None
         for _ in range(1 if many else 2):
             if not fits or fits[0].hypothesis == winner:
@@ -276,6 +277,14 @@ class Search:
             deviation = np.sqrt(np.maximum(np.diag(f.cov)[part][naming], 1e-300))
             out[term] = float((delta / deviation).max())
         return out
+
+
+def hopeful(fits: list[Fitted], before: float) -> list[Fitted]:
+    """Fits that take away at least half as much of the loss `before` them as the best does, and the best few; best
+    first."""
+    ranked = sorted(fits, key=lambda f: f.loss)
+    limit = 0.5 * (before + ranked[0].loss) if ranked else before
+    return [f for i, f in enumerate(ranked) if i < FEW or f.loss < limit]
 
 
 def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:

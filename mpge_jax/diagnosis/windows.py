@@ -11,6 +11,8 @@ from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.states import Noise, States
 
 Array = np.ndarray
+UNSETTLED = 0.2
+"""Share of a recording that may be left out because filters still hold what came before it."""
 HISTORY = 0.3
 """Seconds of commands kept before a window, for delays and lags."""
 
@@ -162,17 +164,18 @@ def roughness(recording: Recording) -> Array:
     return out
 
 
-def _spans(recording: Recording, duration: float) -> list[tuple[int, int]]:
+def _spans(recording: Recording, duration: float, settling: float = 0.0) -> list[tuple[int, int]]:
     """Non-overlapping (first row, last row) of at most `duration` seconds without gaps.
 
-    A window does not start at an impact, where no smoother knows the state: it starts at the first calm row.
+    A window does not start at an impact, where no smoother knows the state: it starts at the first calm row. Nor does
+    one start while the actuators' filters (`settling` seconds) still hold what was commanded before the recording.
     """
     t = recording.time
     steps = np.diff(t)
     limit = max(5 * float(np.median(steps)), 0.05)
     rough = roughness(recording)
     calm = max(6.0, 2.0 * float(np.median(rough)))
-    out, a = [], 0
+    out, a = [], int(np.searchsorted(t, t[0] + min(settling, UNSETTLED * (t[-1] - t[0]))))
     while a < t.size - 1:
         until = max(int(np.searchsorted(t, t[a] + 0.4 * duration)), a + 1)
         below = np.flatnonzero(rough[a:until] <= calm)
@@ -201,7 +204,8 @@ def cut(
     max_samples: int = 100,
 ) -> Windows:
     """Cut at most `limit` windows of `duration` seconds, spread over all recordings."""
-    found = [(i, a, b) for i, s in enumerate(sources) for a, b in _spans(s.recording, duration)]
+    settling = 5.0 * float(time_constants(model).max(initial=0.0))
+    found = [(i, a, b) for i, s in enumerate(sources) for a, b in _spans(s.recording, duration, settling)]
     if len(found) > limit:
         keep = np.sort(rng.permutation(len(found))[:limit])
         found = [found[k] for k in keep]
@@ -257,21 +261,34 @@ def _cholesky(cov: Array) -> Array:
     return out
 
 
+def time_constants(model: mujoco.MjModel) -> Array:
+    """Time constants [nu] (s) of the model's own filters and muscles; 0 elsewhere."""
+    kind, prm = model.actuator_dyntype, model.actuator_dynprm
+    filters = np.isin(kind, (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT)))
+    muscles = kind == int(mujoco.mjtDyn.mjDYN_MUSCLE)
+    return np.where(filters, np.maximum(prm[:, 0], 1e-6), np.where(muscles, prm[:, :2].max(1), 0.0))
+
+
 def _activation(model: mujoco.MjModel, source: Source, row: int) -> Array:
     """Activations of the nominal model's own filters at a row, from the commands before it."""
-    act = np.zeros(model.na)
-    filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
-    t = source.recording.time
+    act, taus = np.zeros(model.na), time_constants(model)
+    t, dt = source.recording.time, float(model.opt.timestep)
     for a in range(model.nu):
-        adr = int(model.actuator_actadr[a])
+        adr, tau = int(model.actuator_actadr[a]), float(taus[a])
         if adr < 0:
             continue
-        if model.actuator_dyntype[a] in filters:
-            tau = max(float(model.actuator_dynprm[a, 0]), 1e-6)
+        if tau > 0:
             first = int(np.searchsorted(t, t[row] - 10 * tau))
+            muscle = model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_MUSCLE
             x = source.command[first, a]
             for k in range(first, row):
-                x = source.command[k, a] + (x - source.command[k, a]) * np.exp(-(t[k + 1] - t[k]) / tau)
+                u, step = source.command[k, a], t[k + 1] - t[k]
+                if muscle:
+                    parts = max(int(np.ceil(step / dt)), 1)
+                    for _ in range(parts):
+                        x += step / parts * mujoco.mju_muscleDynamics(u, x, model.actuator_dynprm[a, :3])
+                else:
+                    x = u + (x - u) * np.exp(-step / tau)
             act[adr] = x
         elif model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_INTEGRATOR:
             act[adr] = source.integral[row, a]
