@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Context, Param
-from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.whiten import Whitener, robust_loss
 from mpge_jax.diagnosis.windows import Windows
@@ -71,7 +71,6 @@ class _Problem:
     jacobian: Array = field(default_factory=_nothing)
     done: bool = False
     small: int = 0
-    sizes: dict[Term, int] = field(default_factory=dict)
 
     def steps(self) -> Array:
         """Finite-difference steps [p] that stay inside the bounds."""
@@ -108,10 +107,7 @@ def fit(
 ) -> list[Fitted]:
     """Fit every start; returns them in order, with losses, information and covariances on `w`."""
     ctx = sim.ctx
-    problems = [
-        _Problem(f, f.hypothesis.params(ctx), sizes={t: len(t.params(ctx)) for t in f.hypothesis.terms})
-        for f in starts
-    ]
+    problems = [_Problem(f, f.hypothesis.params(ctx)) for f in starts]
     _linearise(sim, problems, w, white)
     for _ in range(iterations):
         active = [p for p in problems if not p.done and p.params]
@@ -121,7 +117,7 @@ def fit(
         for p in active:
             steps = _proposals(p, w)
             steps += [x for t in steps[:1] for x in beyond(p, t, ctx)]
-            trials += [(p, t) for t in [*steps, *_without_slopes(p)]]
+            trials += [(p, t) for t in [*steps, *_without_slopes(p, ctx)]]
         res = sim.residuals([Run(p.fit.hypothesis, t) for p, t in trials], w)
         improved = []
         for p in active:
@@ -195,18 +191,15 @@ def beyond(p: _Problem, theta: Array, ctx: Context) -> list[Array]:
     return [np.clip(p.fit.theta + k * (theta - p.fit.theta), low, high) for k in FURTHER if ctx.contacts]
 
 
-def _without_slopes(p: _Problem) -> list[Array]:
-    """Proposals for parameters along which the prediction jumps: a few factors either way."""
+def _without_slopes(p: _Problem, ctx: Context) -> list[Array]:
+    """Proposals of the effects themselves, for parameters along which slopes say little."""
     low, high = _bounds(p.params)
-    out, start = [], 0
-    for term in p.fit.hypothesis.terms:
-        size = p.sizes[term]
-        if term.effect.jagged:
-            for factor in (0.8, 0.93, 0.98, 1.02, 1.07, 1.25):
-                theta = p.fit.theta.copy()
-                theta[start : start + size] *= factor
-                out.append(np.clip(theta, low, high))
-        start += size
+    out = []
+    for term, part in zip(p.fit.hypothesis.terms, p.fit.hypothesis.slices(ctx), strict=True):
+        for other in term.effect.detours(ctx, term.place, p.fit.theta[part]):
+            theta = p.fit.theta.copy()
+            theta[part] = other
+            out.append(np.clip(theta, low, high))
     return out
 
 

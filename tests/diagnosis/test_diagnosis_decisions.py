@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.effects.base import Param, Place
 from mpge_jax.diagnosis.evidence import deviations, rare, stand_out, strong
 from mpge_jax.diagnosis.finish import final_fit, prune, refined
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, _Problem, beyond, evaluate, timing_error
+from mpge_jax.diagnosis.fit import NOTHING, Fitted, _Problem, beyond, evaluate, fit, timing_error
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.judge import fit_report, helps
 from mpge_jax.diagnosis.model import compile_variable, names_of
@@ -383,3 +383,23 @@ def test_a_slight_effect_is_found_in_longer_windows():
     # windows of a quarter second alone do not show it
     again = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1, report_s=0.25))
     assert again.verdict == "none"
+
+
+def test_the_number_of_cogs_is_found_from_a_wrong_one():
+    periods, amplitude = 30.0, 0.08
+
+    def cogs(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_applied[0] = amplitude * np.sin(periods * data.qpos[0])
+
+    s, p = search_of(PENDULUM, record(PENDULUM, 0.5, force=cogs))
+    term = Term("cogging_torque", HINGE)
+    travel = float(np.ptp(p.ctx.samples.q[:, 0]))
+    middle = float(np.median(p.ctx.samples.q[:, 0]))
+    theta = np.array([amplitude, 0.02, periods + 5.0 / travel])
+    for a, b, n in term.effect.detours(p.ctx, HINGE, theta):
+        torques = [x * np.sin(k * middle) + y * np.cos(k * middle) for x, y, k in (theta, (a, b, n))]
+        assert torques[0] == pytest.approx(torques[1])
+    start = Fitted(Hypothesis.of(term), theta, theta)
+    f = fit(s.sim, [start], s.train, s.whiten_one(start, s.train), iterations=12)[0]
+    assert f.theta[2] == pytest.approx(periods, rel=0.01)
+    assert np.hypot(*f.theta[:2]) == pytest.approx(amplitude, rel=0.05)

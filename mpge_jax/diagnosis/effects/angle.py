@@ -62,7 +62,9 @@ class CoggingTorque(Effect):
         return (
             Param("amplitude", unit, -20 * t, 20 * t, 0.05 * t),
             Param("phase", "rad", -20 * t, 20 * t, 0.05 * t),
-            Param("periods", "1", 0.5, 400.0, 0.02 / max(float(ctx.travel[ctx.dof(place)]), 0.05), prior=2.0),
+            Param(
+                "periods", "1", 0.5, 400.0, 0.02 / max(float(ctx.travel[ctx.dof(place)]), 0.05), prior=20.0
+            ),
         )
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
@@ -93,6 +95,20 @@ class CoggingTorque(Effect):
             if len(picked) == 3:
                 break
         return picked
+
+    def detours(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        """Neighbouring numbers of periods, of the same phase in the middle of the motion: the fit is as wavy in them as
+        the torque is in the angle."""
+        if ctx.samples is None or not len(ctx.samples.q):
+            return super().detours(ctx, place, theta)
+        q = ctx.samples.q[:, ctx.qadr(place)]
+        a, b, n = theta
+        change = np.outer((2.0, 4.0, 8.0), (-1.0, 1.0)).ravel() / max(float(np.ptp(q)), 1e-2)
+        change = change[n + change > 0.5]
+        # sin(n q + phase) at the middle q stays what it is when the phase turns back by the change times q
+        phase = np.arctan2(b, a) - change * float(np.median(q))
+        size = np.hypot(a, b)
+        return np.stack([size * np.cos(phase), size * np.sin(phase), n + change], 1)
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return [0, 1]

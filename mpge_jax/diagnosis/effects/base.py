@@ -97,6 +97,10 @@ class Effect:
         scales = np.array([p.scale for p in self.params(ctx, place)])
         return np.array([k * scales for k in self.tries])
 
+    def detours(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        """Other parameters [k, p] worth a try from `theta` [p], where slopes lead the fit astray."""
+        return np.outer((0.8, 0.93, 0.98, 1.02, 1.07, 1.25) if self.jagged else (), theta)
+
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         """Change model fields; theta [..., p]."""
 
