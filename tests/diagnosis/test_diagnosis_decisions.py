@@ -395,7 +395,7 @@ def test_the_number_of_cogs_is_found_from_a_wrong_one():
     term = Term("cogging_torque", HINGE)
     travel = float(np.ptp(p.ctx.samples.q[:, 0]))
     middle = float(np.median(p.ctx.samples.q[:, 0]))
-    theta = np.array([amplitude, 0.02, periods + 5.0 / travel])
+    theta = np.array([-0.02, 0.05, periods - 9.0 / travel])
     for a, b, n in term.effect.detours(p.ctx, HINGE, theta):
         torques = [x * np.sin(k * middle) + y * np.cos(k * middle) for x, y, k in (theta, (a, b, n))]
         assert torques[0] == pytest.approx(torques[1])
