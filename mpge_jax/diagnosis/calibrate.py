@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.states import estimate
 from mpge_jax.diagnosis.verdict import noise_floor
 from mpge_jax.diagnosis.whiten import column_scale, numerics, robust_loss, whitener
-from mpge_jax.diagnosis.windows import Source, Windows, cut
+from mpge_jax.diagnosis.windows import Source, Windows, activation, cut
 
 Array = np.ndarray
 SEGMENT = 0.8
@@ -81,14 +81,23 @@ def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int
     if not w.count or w.times.shape[1] < 14:
         return Floor()
     shaken = force_noise(prepared) if shaken is None else shaken
-    segments = [r for r in _simulated(prepared, f, w, shaken, rng) if r.time.size >= 14]
-    if not segments:
+    # the first row of a segment is that after the window's start
+    rows = [
+        w.sources[k].recording.time.searchsorted(t + 1e-9) for k, t in zip(w.source, w.start, strict=True)
+    ]
+    filled = [activation(sim.model, w.sources[k], row) for k, row in zip(w.source, rows, strict=True)]
+    simulated = zip(_simulated(prepared, f, w, shaken, rng), filled, strict=True)
+    kept = [(r, act) for r, act in simulated if r.time.size >= 14]
+    if not kept:
         return Floor()
+    segments = [r for r, _ in kept]
     noise, states, _ = estimate(segments, sim.model, prepared.names)
     noise = replace(noise, qpos=prepared.noise.qpos, qvel=prepared.noise.qvel)
     if prepared.noise.direct:
         states = states_as_measured(segments, sim.model, noise)
-    sources = tuple(Source.build(r, s, r.known("ctrl")) for r, s in zip(segments, states, strict=True))
+    sources = tuple(
+        Source.build(r, s, r.known("ctrl"), activation=act) for (r, act), s in zip(kept, states, strict=True)
+    )
     duration = min(prepared.config.decide_s, 0.45 * SEGMENT)
     cuts = cut(sources, sim.model, noise, duration, 2 * limit, prepared.dt, rng)
     if not cuts.count:

@@ -26,9 +26,10 @@ def allowed_pairs(model: mujoco.MjModel) -> Pairs:
 
 def touching_pairs(model: mujoco.MjModel, poses: Array, length: float) -> Pairs:
     """Pairs of geoms that touch, or nearly do, in some of the poses [T, nq] of a machine of this length (m)."""
-    wide = copy.copy(model)
-    for margin in (wide.geom_margin, wide.pair_margin):
-        margin[:] = np.maximum(margin, NEAR * length)
+    wide, near = copy.copy(model), NEAR * length
+    # the margins of two geoms add up; bodies pass theirs on to the search for pairs
+    for margin, share in ((wide.geom_margin, 0.5), (wide.body_margin, 0.5), (wide.pair_margin, 1.0)):
+        margin += share * near
     data, found = mujoco.MjData(wide), set()
     for qpos in poses:
         data.qpos[:] = qpos

@@ -15,7 +15,7 @@ import numpy as np
 
 from mpge_jax.diagnosis import resume
 from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
-from mpge_jax.diagnosis.calibrate import floor, force_noise
+from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
 from mpge_jax.diagnosis.candidates import all_terms
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
@@ -194,31 +194,26 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
             )
             p = with_drives(p, plain, *drives, age=dict.fromkeys(servos, age))
     s = _build_search(p, say, c.decide_s)
-    if s.train.count < 2 or s.held.count < 1:
-        raise InputError(
-            f"the recordings hold only {s.train.count} training and {s.held.count} held-out windows of "
-            f"{c.decide_s} s; record longer."
-        )
+    _check_windows(p, s)
     if progress is not None:
         resume.attach(s, p, progress)
     say(f"{len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows")
     decided, rivals = _settle(s, *search(s))
-    slight = not decided.hypothesis.terms and not remains(s, decided, floor(p, decided))
-    if slight and c.report_s > c.decide_s:
-        say("looking for slight effects in longer windows")
-        longer = _build_search(p, say, c.report_s)
-        if min(longer.train.count, longer.held.count) >= FEWEST:
-            decided, rivals = _settle(longer, *search(longer))
-            s.log += longer.log
-    say("refining its parameters")
-    f = refined(s, decided, p.windows(False, c.report_s, REFINED))
+    noise, more = _left(p, s, decided)
+    if not decided.hypothesis.terms and not more:
+        decided, rivals = _look_again(p, s, say)
+        noise, more = _left(p, s, decided) if decided.hypothesis.terms else (noise, more)
+    f = decided
+    if decided.theta.size and c.report_s > c.decide_s:
+        say("refining parameters")
+        f = refined(s, decided, p.windows(False, c.report_s, REFINED))
     held = fit_report(p, f, held=True)
     if not helps(held):
         s.log.append(f"dropped: {f.hypothesis} predicts held-out recordings no better")
         f, decided, rivals = NOTHING, NOTHING, {}
         held = fit_report(p, f, held=True)
+        noise, more = _left(p, s, decided)
     say("judging what is left")
-    noise = floor(p, decided)
     shown, ratio = (p, f), noise.ratio
     if actuators is not None and actuators.fits and not f.hypothesis.terms:
         shown = by_command(p, plain, actuators)
@@ -227,7 +222,7 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
         held = fit_report(*shown, held=True)
     train, held = (r.above(ratio) for r in (fit_report(*shown, held=False), held))
     found = bool(f.hypothesis.terms) or (actuators is not None and bool(actuators.fits))
-    unexplained = what_is_left(p, s, decided, held, noise, found)
+    unexplained = what_is_left(p, s, decided, held, found) if more else None
     drop = error_drops(p, f, held)
     ambiguous = any(r.tied for rs in rivals.values() for r in rs)
     verdict = "none"
@@ -243,6 +238,36 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
         verdict, p, f, rivals, drop, train, held, location, unexplained, warnings, c, log=s.log,
         actuators=actuators,
     )  # fmt: skip
+
+
+def _check_windows(p: Prepared, s: Search) -> None:
+    c = p.config
+    report = [p.windows(held, c.report_s, 1).count for held in (False, True)]
+    for length, train, held, least in (
+        (c.decide_s, s.train.count, s.held.count, 2),
+        (c.report_s, *report, 1),
+    ):
+        if train < least or held < 1:
+            raise InputError(
+                f"the recordings hold only {train} training and {held} held-out windows of {length} s; record longer."
+            )
+
+
+def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, bool]:
+    """What noise alone would leave if `f` were true, and whether more than that remains."""
+    noise = floor(p, f)
+    return noise, remains(s, f, noise)
+
+
+def _look_again(p: Prepared, s: Search, say: _Progress) -> tuple[Fitted, dict[Term, list[Rival]]]:
+    """Search longer windows, where slight effects add up, after nothing was found in those of `s`."""
+    longer = _build_search(p, say, p.config.report_s)
+    if longer.train.steps <= s.train.steps or min(longer.train.count, longer.held.count) < FEWEST:
+        return NOTHING, {}
+    say("looking for slight effects in longer windows")
+    found = _settle(longer, *search(longer))
+    s.log += longer.log
+    return found
 
 
 def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term, list[Rival]]]:

@@ -73,20 +73,22 @@ def refined(s: Search, f: Fitted, w: Windows) -> Fitted:
     """`f` with the parameters that longer windows `w` determine, and what the two kinds disagree in.
 
     What is wrong with a window's first state, or with the model, pulls parameters the less the longer the window is:
-    the difference from the decision's windows, as far as noise does not explain it, is a bias of which the longer ones
-    keep a part, taken as a third (it falls between the first and second power of the length).
+    the difference from the decision's windows is a bias, but for the variance by which the shorter ones know less (the
+    recordings are the same). Of it the longer ones keep a part, taken as a third (it falls between the first and
+    second power of the length).
     """
     if not f.theta.size or not w.count:
         return f
+    shorter = fit(s.sim, [f], s.train, s.whiten_one(f, s.train), iterations=0)[0]
     longer = fit(s.sim, [f], w, s.whiten_one(f, w), iterations=6, tolerance=1e-4)[0]
+    less = np.maximum(np.diag(shorter.cov) - np.diag(longer.cov), 0.0)
+    bias = np.sqrt(np.maximum((longer.theta - f.theta) ** 2 - less, 0.0)) / 3.0
     longer = with_timestep_error(s, longer, w)
-    noise = np.diag(f.cov) + np.diag(longer.cov)
-    bias = np.sqrt(np.maximum((longer.theta - f.theta) ** 2 - noise, 0.0)) / 3.0
     return replace(longer, cov=_widened(longer.cov, bias))
 
 
 def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
-    """Add to the covariance what the timestep, and the integrator, do to the parameters: their shifts by `numerics`.
+    """Add to the covariance the parameters' shifts by `numerics`: timestep, integrator and late commands.
 
     A semi-implicit step acts half a timestep early, which the fit takes for physics (a delay too long by that
     much); the noise says nothing about it. Each shift is one Gauss-Newton step. Times also carry `timing_error`.

@@ -51,8 +51,8 @@ def fit_report(p: Prepared, f: Fitted, held: bool) -> FitReport:
 def helps(held: FitReport) -> bool:
     """Whether held-out windows of the reported length are predicted better, in the mean or more often than not.
 
-    The search judges shorter ones, in units of their noise: where that was underestimated, an effect may win there that
-    helps nobody. Where there is no effect, nothing is asked.
+    The search judges in units of the noise, and mostly shorter windows: where the noise was underestimated, an effect
+    may win there that helps nobody. Where there is no effect, nothing is asked.
     """
     before, after = held.before, held.after
     if before is after or not held.windows.count:
@@ -70,27 +70,24 @@ def remains(s: Search, f: Fitted, noise: Floor) -> bool:
 
 
 def what_is_left(
-    p: Prepared, s: Search, decided: Fitted, held: FitReport, noise: Floor, corrected: bool
+    p: Prepared, s: Search, decided: Fitted, held: FitReport, corrected: bool
 ) -> dict[str, Any] | None:
-    """What the chosen effects leave, if it is more than noise: the `unexplained` entry of a diagnosis.
+    """What the chosen effects leave that `remains`: the `unexplained` entry of a diagnosis.
 
     Args:
         decided: the fit to the decision's windows, on which the remainder is tested.
-        held: errors with the effects as reported. noise: what the noise alone would leave.
-        corrected: whether any effect was found.
+        held: errors with the effects as reported. corrected: whether any effect was found.
     """
     before, after = held.before.rms, held.after.rms
     beyond = np.sqrt(max(after**2 - held.floor**2, 0.0)) / max(
         np.sqrt(max(before**2 - held.floor**2, 0.0)), 1e-12
     )
     beyond = min(float(beyond), 1.0) if corrected else 1.0
-    significant = remains(s, decided, noise)
-    if not significant or beyond < LEFT:
-        if significant:
-            p.warnings.append(
-                f"a remainder of {100 * beyond:.1f} % of the error is more than noise (friction law, timestep or "
-                "integrator differ in detail); it does not change what is named."
-            )
+    if beyond < LEFT:
+        p.warnings.append(
+            f"a remainder of {100 * beyond:.1f} % of the error is more than noise (friction law, timestep or "
+            "integrator differ in detail); it does not change what is named."
+        )
         return None
     whites = s.whiten(decided, temper=False)
     best = s.score([decided], whites)[0]

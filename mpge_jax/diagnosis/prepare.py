@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.recording import Recording, rows_of
 from mpge_jax.diagnosis.simulate import Simulator
 from mpge_jax.diagnosis.split import split
 from mpge_jax.diagnosis.states import MAX_ROWS, Noise, States, estimate
-from mpge_jax.diagnosis.windows import Source, Windows, choose_dt, cut
+from mpge_jax.diagnosis.windows import Source, Windows, choose_dt, cut, settling
 
 
 @dataclass
@@ -47,7 +47,9 @@ class Prepared:
 
     def windows(self, held: bool, duration: float, limit: int, seed: int = 0) -> Windows:
         sources = self.held_sources if held else self.train_sources
-        lengths = [s.recording.duration for s in self.train_sources + self.held_sources]
+        lengths = [
+            s.recording.duration - settling(s, self.model) for s in self.train_sources + self.held_sources
+        ]
         # logs of short episodes: most of them must hold a window
         duration = min(duration, max(float(np.quantile(lengths, 0.3)), float(np.median(lengths)) / 2))
         rng = np.random.default_rng([self.config.seed, int(held), seed])

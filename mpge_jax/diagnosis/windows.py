@@ -25,6 +25,7 @@ class Source:
         command: [T, nu] what drives the actuators (commands, or measured forces).
         smooth: [T, nu] the part of it that changes between rows and is not held.
         integral: [T, nu] its running integral, for means over steps.
+        activation: [na] of the actuators' filters at the first row, where it is known.
     """
 
     recording: Recording
@@ -32,6 +33,7 @@ class Source:
     command: Array
     smooth: Array
     integral: Array
+    activation: Array | None = None
 
     @staticmethod
     def build(
@@ -40,6 +42,7 @@ class Source:
         command: Array,
         smooth: Array | None = None,
         age: Array | None = None,
+        activation: Array | None = None,
     ) -> Source:
         """`smooth` [T, nu]: the part of the command that changes between rows (all of a servo's measured force) and
         is not held; it acts `age` [nu] (s) late."""
@@ -50,7 +53,7 @@ class Source:
         mean = (command - smooth)[:-1] + 0.5 * (late[:-1] + late[1:])
         steps = np.diff(recording.time)[:, None] * mean
         integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(steps, 0)])
-        return Source(recording, states, command, smooth, integral)
+        return Source(recording, states, command, smooth, integral, activation)
 
     def mean_command(self, edges: Array) -> Array:
         """Mean command [L, nu] over the steps between consecutive times `edges` [L + 1]."""
@@ -164,18 +167,25 @@ def roughness(recording: Recording) -> Array:
     return out
 
 
-def _spans(recording: Recording, duration: float, settling: float = 0.0) -> list[tuple[int, int]]:
-    """Non-overlapping (first row, last row) of at most `duration` seconds without gaps.
+def settling(source: Source, model: mujoco.MjModel) -> float:
+    """Seconds at the start of a recording in which the actuators' filters still hold what was commanded before."""
+    if source.activation is not None:
+        return 0.0
+    longest = 5.0 * float(time_constants(model).max(initial=0.0))
+    return min(longest, UNSETTLED * source.recording.duration)
 
-    A window does not start at an impact, where no smoother knows the state: it starts at the first calm row. Nor does
-    one start while the actuators' filters (`settling` seconds) still hold what was commanded before the recording.
+
+def _spans(recording: Recording, duration: float, skip: float = 0.0) -> list[tuple[int, int]]:
+    """Non-overlapping (first row, last row) of at most `duration` seconds without gaps, after the first `skip` seconds.
+
+    A window does not start at an impact, where no smoother knows the state: it starts at the first calm row.
     """
     t = recording.time
     steps = np.diff(t)
     limit = max(5 * float(np.median(steps)), 0.05)
     rough = roughness(recording)
     calm = max(6.0, 2.0 * float(np.median(rough)))
-    out, a = [], int(np.searchsorted(t, t[0] + min(settling, UNSETTLED * (t[-1] - t[0]))))
+    out, a = [], int(np.searchsorted(t, t[0] + skip))
     while a < t.size - 1:
         until = max(int(np.searchsorted(t, t[a] + 0.4 * duration)), a + 1)
         below = np.flatnonzero(rough[a:until] <= calm)
@@ -204,8 +214,9 @@ def cut(
     max_samples: int = 100,
 ) -> Windows:
     """Cut at most `limit` windows of `duration` seconds, spread over all recordings."""
-    settling = 5.0 * float(time_constants(model).max(initial=0.0))
-    found = [(i, a, b) for i, s in enumerate(sources) for a, b in _spans(s.recording, duration, settling)]
+    found = [
+        (i, a, b) for i, s in enumerate(sources) for a, b in _spans(s.recording, duration, settling(s, model))
+    ]
     if len(found) > limit:
         keep = np.sort(rng.permutation(len(found))[:limit])
         found = [found[k] for k in keep]
@@ -243,7 +254,7 @@ def cut(
         command[k] = s.mean_command(r.time[a] + dt * np.arange(-before, steps + 1))
         q0[k], v0[k] = s.states.qpos[a], s.states.qvel[a]
         root[k] = _cholesky(s.states.cov[a])
-        act0[k] = _activation(model, s, a)
+        act0[k] = activation(model, s, a)
     qvel[:, :, ~np.isfinite(noise.qvel)] = np.nan
     source = np.array([i for i, _, _ in found], dtype=int)
     return Windows(
@@ -266,10 +277,11 @@ def time_constants(model: mujoco.MjModel) -> Array:
     kind, prm = model.actuator_dyntype, model.actuator_dynprm
     filters = np.isin(kind, (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT)))
     muscles = kind == int(mujoco.mjtDyn.mjDYN_MUSCLE)
-    return np.where(filters, np.maximum(prm[:, 0], 1e-6), np.where(muscles, prm[:, :2].max(1), 0.0))
+    # a muscle's depend on its activation, up to twice its parameters
+    return np.where(filters, np.maximum(prm[:, 0], 1e-6), np.where(muscles, 2.0 * prm[:, :2].max(1), 0.0))
 
 
-def _activation(model: mujoco.MjModel, source: Source, row: int) -> Array:
+def activation(model: mujoco.MjModel, source: Source, row: int) -> Array:
     """Activations of the nominal model's own filters at a row, from the commands before it."""
     act, taus = np.zeros(model.na), time_constants(model)
     t, dt = source.recording.time, float(model.opt.timestep)
@@ -280,7 +292,8 @@ def _activation(model: mujoco.MjModel, source: Source, row: int) -> Array:
         if tau > 0:
             first = int(np.searchsorted(t, t[row] - 10 * tau))
             muscle = model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_MUSCLE
-            x = source.command[first, a]
+            before = source.activation if first == 0 else None
+            x = source.command[first, a] if before is None else before[adr]
             for k in range(first, row):
                 u, step = source.command[k, a], t[k + 1] - t[k]
                 if muscle:
@@ -291,5 +304,7 @@ def _activation(model: mujoco.MjModel, source: Source, row: int) -> Array:
                     x = u + (x - u) * np.exp(-step / tau)
             act[adr] = x
         elif model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_INTEGRATOR:
-            act[adr] = source.integral[row, a]
+            act[adr] = source.integral[row, a] + (
+                0.0 if source.activation is None else source.activation[adr]
+            )
     return act

@@ -26,8 +26,8 @@ FLOOR, LEFT, RIGHT = 0, 1, 2
     ("poses", "pairs"),
     [
         ([[0, 0, 0, 0]], ((FLOOR, LEFT), (FLOOR, RIGHT))),
-        ([[0, 0.01, 0, 0.5]], ((FLOOR, LEFT),)),
-        ([[0, 0.05, 0, 0.5]], ()),
+        ([[0, 0.019, 0, 0.5]], ((FLOOR, LEFT),)),
+        ([[0, 0.021, 0, 0.5]], ()),
         ([[0, 0.5, 0, 0.5], [0.39, 0.5, -0.4, 0.5]], ((LEFT, RIGHT),)),
         (np.zeros((0, 4)), ()),
     ],
@@ -37,6 +37,15 @@ def test_what_touches_in_the_recorded_poses(poses, pairs):
     assert touching_pairs(model, np.array(poses), 1.0) == pairs
     assert allowed_pairs(model) == ((FLOOR, LEFT), (FLOOR, RIGHT), (LEFT, RIGHT))
     assert not model.geom_margin.any()
+
+
+def test_bodies_of_several_geoms_come_near_too():
+    two = '<geom name="left" type="sphere" size=".1" mass="1"/><geom name="hat" type="sphere" size=".05" pos="0 0 .2"/>'
+    model = mujoco.MjModel.from_xml_string(
+        TWO.replace('<geom name="left" type="sphere" size=".1" mass="1"/>', two)
+    )
+    assert touching_pairs(model, np.array([[0, 0.019, 0, 0.5]]), 1.0) == ((0, 1),)
+    assert touching_pairs(model, np.array([[0, 0.021, 0, 0.5]]), 1.0) == ()
 
 
 def _places(xml: str, missing: int | None = None) -> list[str]:

@@ -342,19 +342,21 @@ def test_longer_windows_refine_parameters_and_intervals_hold_the_disagreement(ru
     assert refined(s, NOTHING, longer) is NOTHING
 
 
-def test_another_integrator_and_commands_within_a_timestep_are_no_physics():
-    """Runge-Kutta against a semi-implicit step a quarter as long: forces act an eighth of a millisecond apart."""
+@pytest.mark.parametrize("late", [False, True])
+def test_another_integrator_and_commands_within_a_timestep_are_no_physics(late):
+    """Runge-Kutta of 2 ms against a semi-implicit step a quarter as long, or commands an eighth of a step later."""
 
     def change(model: mujoco.MjModel) -> None:
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
 
     xml = PENDULUM.replace("implicitfast", "RK4")
-    s, _ = search_of(xml, record(xml, 0.8, change=change, noise=1e-5))
-    nuisance = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, s.train)
+    s, _ = search_of(xml, record(xml, 0.8, change=None if late else change, noise=1e-5))
+    w = s.train.later(s.train.dt / 8) if late else s.train
+    nuisance = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, w)
     left = []
     for directions in ([], nuisance):
-        white = whitener(s.sim, NOTHING.hypothesis, NOTHING.theta, s.train, s.noise, directions, temper=False)
-        left.append(evaluate(s.sim, [NOTHING], s.train, white)[0].loss)
+        white = whitener(s.sim, NOTHING.hypothesis, NOTHING.theta, w, s.noise, directions, temper=False)
+        left.append(evaluate(s.sim, [NOTHING], w, white)[0].loss)
     assert left[0] > 2.0 and left[1] < 1.2
     assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
 

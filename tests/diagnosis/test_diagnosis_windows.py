@@ -8,6 +8,8 @@ import pytest
 from machines import PENDULUM
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
+from mpge_jax.diagnosis.calibrate import floor
+from mpge_jax.diagnosis.fit import NOTHING
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.recording import validate
@@ -38,12 +40,16 @@ def _record(xml: str, runs: int = 3) -> tuple[list[Recording], list[np.ndarray]]
     return out, activations
 
 
-@pytest.mark.parametrize(("xml", "settling"), [(FILTER, 0.15), (MUSCLE, 0.25)])
-def test_windows_start_with_the_activation_that_the_commands_left(xml, settling):
-    recordings, activations = _record(xml)
+def _prepared(xml: str, recordings: list[Recording]):
     spec = mujoco.MjSpec.from_string(xml)
     plain = compile_variable(spec)
-    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+
+
+@pytest.mark.parametrize(("xml", "settling"), [(FILTER, 0.15), (MUSCLE, 0.4)])
+def test_windows_start_with_the_activation_that_the_commands_left(xml, settling):
+    recordings, activations = _record(xml)
+    p = _prepared(xml, recordings)
     w = p.windows(False, 0.25, 40)
     assert w.start.min() >= settling
     names = {r.name: a for r, a in zip(recordings, activations, strict=True)}
@@ -56,3 +62,39 @@ def test_windows_start_with_the_activation_that_the_commands_left(xml, settling)
 def test_what_a_filter_held_before_the_recording_is_no_physics():
     d = diagnose(mujoco.MjSpec.from_string(FILTER), _record(FILTER)[0], Config(jobs=1))
     assert d.verdict == "none"
+
+
+def test_short_recordings_of_slow_filters_still_hold_windows():
+    xml = FILTER.replace('".03"', '".1"')
+    recordings = [
+        Recording(r.name, r.time[:50], r.qpos[:50], None, r.ctrl[:50]) for r in _record(xml, runs=6)[0]
+    ]
+    p = _prepared(xml, recordings)
+    for held in (False, True):
+        assert p.windows(held, p.config.decide_s, 40).count and p.windows(held, p.config.report_s, 40).count
+
+
+def test_the_floor_of_slow_filters_is_the_noise():
+    xml = FILTER.replace('".03"', '".1"')
+    noise = floor(_prepared(xml, _record(xml)[0]), NOTHING)
+    assert 0.5 < noise.loss < 1.2 and noise.losses.max() < 3.0
+
+
+def test_commands_act_later_and_in_finer_steps():
+    """Commands change by 1 each hundredth of a second; a window's steps are 2 ms."""
+    rows = 200
+    ctrl = np.arange(rows, dtype=float)[:, None] / 100
+    recordings = [
+        Recording(f"run_{k}", np.arange(rows) / RATE, 1e-3 * np.sin(np.arange(rows) + k)[:, None], None, ctrl)
+        for k in range(3)
+    ]
+    w = _prepared(PENDULUM, recordings).windows(False, 0.25, 40)
+    for k in range(w.count):
+        at = w.start[k] + w.dt * np.arange(-w.history, w.steps)
+        held = np.clip(np.floor(at * RATE + 1e-6) / 100, 0.0, None)
+        np.testing.assert_allclose(w.command[k, :, 0], held, atol=1e-9)
+        # an eighth of the step that follows a row is still the row before
+        first = (np.abs(at * RATE - np.round(at * RATE)) < 1e-6) & (at > 1e-6)
+        np.testing.assert_allclose(w.later(w.dt / 8).command[k, :, 0], held - first / 800, atol=1e-9)
+        fine = w.refined(2).command[k, -2 * w.steps :, 0]
+        np.testing.assert_allclose(fine, np.repeat(held[w.history :], 2), atol=1e-9)
