@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.fit import NOTHING, Fitted, timing_error
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_joint_transmission
 from mpge_jax.diagnosis.noise import column_noise
-from mpge_jax.diagnosis.prepare import Prepared
+from mpge_jax.diagnosis.prepare import Prepared, has_plain_law
 from mpge_jax.diagnosis.windows import Source
 
 Array = np.ndarray
@@ -284,6 +284,12 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
     dt = (0.25 if jittered else 0.5) * ctx.period
     for a in np.flatnonzero(p.measured):
         place = Place("actuator", p.names.actuators[a], int(a))
+        if not has_plain_law(nominal, int(a)):
+            p.warnings.append(
+                f"how {place.name} turns commands into force is not checked: in the model it has a state, a delay, or "
+                "acts on more than one joint."
+            )
+            continue
         logs: dict[bool, list[_Log]] = {False: [], True: []}
         count = 0
         for held, sources in ((False, p.train_sources), (True, p.held_sources)):

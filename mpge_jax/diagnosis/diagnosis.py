@@ -165,6 +165,12 @@ def diagnose(
     checked = [validate(r, plain, names) for r in ready]
     if files or not ready:
         checked += load_recordings(files, plain, names, columns)
+    called = [r.name for r in checked]
+    for name in called:
+        if called.count(name) > 1:
+            raise InputError(
+                f"{called.count(name)} recordings are called '{name}'; give each a name of its own."
+            )
     say(f"reading {len(checked)} recordings")
     prepared = prepare(spec, checked, config)
     result = _diagnose(prepared, plain, say, progress)

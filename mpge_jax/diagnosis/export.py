@@ -52,16 +52,21 @@ def write_models(d: Diagnosis, folder: Path) -> None:
 def _text(spec: mujoco.MjSpec, folder: Path) -> str:
     """MJCF of a compiled spec, which is changed to refer to copies of its files in `folder/assets`."""
     taken: dict[str, Path | bytes] = {}
-    for owner, key, directory in _references(spec):
-        value = getattr(owner, key)
-        source = _find(spec, directory, value)
+
+    def take(value: str, directory: str) -> str:
+        source = _find(spec, directory, value) if value else None
         if source is None:
-            continue
+            return value
         name = Path(value).name
         while taken.get(name, source) != source:
             name = f"_{name}"
         taken[name] = source
-        setattr(owner, key, name)
+        return name
+
+    for owner, directory in _references(spec):
+        owner.file = take(owner.file, directory)
+    for texture in spec.textures:
+        texture.cubefiles = [take(value, spec.texturedir) for value in texture.cubefiles]
     for name, source in taken.items():
         _copy(source, folder / ASSETS / name)
     if taken:
@@ -70,12 +75,10 @@ def _text(spec: mujoco.MjSpec, folder: Path) -> str:
     return spec.to_xml()
 
 
-def _references(spec: mujoco.MjSpec) -> list[tuple[Any, str, str]]:
-    """(element, attribute, folder) of every file that the spec reads."""
-    shapes = [*spec.meshes, *spec.hfields, *spec.skins]
-    found = [(x, "file", spec.meshdir) for x in shapes]
-    found += [(x, "file", spec.texturedir) for x in spec.textures]
-    return [entry for entry in found if getattr(entry[0], entry[1])]
+def _references(spec: mujoco.MjSpec) -> list[tuple[Any, str]]:
+    """(element, folder) of everything that may be read from a `file`."""
+    shapes = [(x, spec.meshdir) for x in (*spec.meshes, *spec.hfields, *spec.skins)]
+    return shapes + [(x, spec.texturedir) for x in spec.textures]
 
 
 def _find(spec: mujoco.MjSpec, directory: str, value: str) -> Path | bytes | None:

@@ -239,12 +239,29 @@ def _finish(p: _Problem) -> Fitted:
     inverse = np.linalg.pinv(precision * scale[:, None] * scale[None, :], hermitian=True)
     inverse = inverse * scale[:, None] * scale[None, :]
     scores = np.einsum("w,pwm,wm->wp", weight, j, r, optimize=True)
-    n = len(scores)
-    sandwich = inverse @ (scores.T @ scores) @ inverse * n / max(n - len(p.params), 1)
+    parts = np.einsum("w,pwm,qwm->wpq", weight, j, j, optimize=True)
     plain = inverse * max(1.0, float(np.mean(weight * p.fit.x) / np.mean(weight)))
     # the larger of the two, direction by direction on the diagonal
-    ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(plain), 1e-300), 1.0))
+    left_out = _jackknife(precision, parts, scores, scale)
+    ratio = np.sqrt(np.maximum(left_out / np.maximum(np.diag(plain), 1e-300), 1.0))
     return replace(p.fit, information=info, cov=plain * ratio[:, None] * ratio[None, :])
+
+
+def _jackknife(precision: Array, parts: Array, scores: Array, scale: Array) -> Array:
+    """Variances [p] by leaving out each window in turn: unlike the sandwich of the scores [W, p], they know that a
+    window which decides much (information `parts` [W, p, p]) pulls the fit towards itself.
+
+    Args:
+        scale: [p] deviations that make `precision` [p, p] a matrix of ones on the diagonal.
+    """
+    n = max(len(scores), 1)
+    values, vectors = np.linalg.eigh(precision * scale[:, None] * scale[None, :])
+    root = scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-12))
+    kept, axes = np.linalg.eigh(np.eye(len(scale)) - root.T @ parts @ root)
+    # where one window knows all but a thousandth, the others say no more than that
+    steps = np.einsum("wpk,wp->wk", axes, scores @ root) / np.maximum(kept, 1e-3)
+    moves = np.einsum("wpk,wk->wp", axes, steps) @ root.T
+    return (moves**2).sum(0) * (n - 1) / n
 
 
 def gauss_newton_shift(sim: Simulator, f: Fitted, w: Windows, white: Whitener, moved: Array) -> Array:

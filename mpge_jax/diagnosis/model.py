@@ -85,7 +85,7 @@ class Names:
 
 
 def names_of(model: mujoco.MjModel) -> Names:
-    """Names of joints, actuators, bodies, geoms. An unnamed actuator goes by the joint that it drives."""
+    """Names of joints, actuators, bodies, geoms. An unnamed actuator goes by its joint, if no other does."""
 
     def name(kind: mujoco.mjtObj, i: int, word: str) -> str:
         return mujoco.mj_id2name(model, kind, i) or f"{word}_{i}"
@@ -96,7 +96,7 @@ def names_of(model: mujoco.MjModel) -> Names:
         given = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i)
         if not given and is_joint_transmission(model, i):
             given = joints[int(model.actuator_trnid[i, 0])]
-        actuators.append(given or f"actuator_{i}")
+        actuators.append(given if given and given not in actuators else f"actuator_{i}")
     bodies = ("world", *(name(mujoco.mjtObj.mjOBJ_BODY, i, "body") for i in range(1, model.nbody)))
     geoms = tuple(name(mujoco.mjtObj.mjOBJ_GEOM, i, "geom") for i in range(model.ngeom))
     return Names(joints, tuple(actuators), bodies, geoms)

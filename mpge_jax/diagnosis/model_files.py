@@ -95,6 +95,10 @@ def _read(path: Path) -> ET.Element:
         return ET.fromstring(text)
     except ET.ParseError as error:
         raise InputError(f"{path.name} is not well-formed XML ({error}); repair the file.") from None
+    except (ValueError, LookupError) as error:
+        raise InputError(
+            f"{path.name} has an encoding that cannot be read ({error}); save it as UTF-8."
+        ) from None
 
 
 def read_spec(path: Path) -> mujoco.MjSpec:

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.candidates import all_terms
+from mpge_jax.diagnosis.checks import check_commands, check_copies, check_model, check_motion
 from mpge_jax.diagnosis.clock import at_their_stamps
 from mpge_jax.diagnosis.coarse import bound, is_coarse, states_as_measured
 from mpge_jax.diagnosis.config import Config
@@ -20,6 +21,9 @@ from mpge_jax.diagnosis.simulate import Simulator
 from mpge_jax.diagnosis.split import split
 from mpge_jax.diagnosis.states import MAX_ROWS, Noise, States, estimate
 from mpge_jax.diagnosis.windows import Source, Windows, choose_dt, cut, settling
+
+SPARSE = 0.2
+"""Time between rows, over the length of a window, beyond which windows last whole rows."""
 
 
 @dataclass
@@ -50,6 +54,8 @@ class Prepared:
         lengths = [
             s.recording.duration - settling(s, self.model) for s in self.train_sources + self.held_sources
         ]
+        if self.ctx.period > SPARSE * duration:
+            duration = float(np.ceil(duration / self.ctx.period - 1e-6)) * self.ctx.period
         # logs of short episodes: most of them must hold a window
         duration = min(duration, max(float(np.quantile(lengths, 0.3)), float(np.median(lengths)) / 2))
         rng = np.random.default_rng([self.config.seed, int(held), seed])
@@ -136,7 +142,8 @@ def has_plain_law(plain: mujoco.MjModel, a: int) -> bool:
     fixed = plain.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
     bias = plain.actuator_biastype[a]
     linear = bias == mujoco.mjtBias.mjBIAS_NONE or bias == mujoco.mjtBias.mjBIAS_AFFINE
-    return bool(no_state and fixed and linear and is_joint_transmission(plain, a))
+    at_once = plain.actuator_delay[a] == 0 and plain.actuator_plugin[a] < 0
+    return bool(no_state and fixed and linear and at_once and is_joint_transmission(plain, a))
 
 
 def plain_force(plain: mujoco.MjModel, a: int, ctrl: np.ndarray, states: States) -> np.ndarray:
@@ -226,7 +233,9 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     rng = np.random.default_rng(config.seed)
     train, held, notes = split(recordings, config.held_out, rng)
     warnings += notes
+    check_copies(train, held, warnings)
     measured = measured_forces(recordings, plain)
+    check_commands(recordings, measured, names)
     model = compile_variable(drive_by_force(spec, measured)) if measured.any() else plain
     train, held = _thin(train, warnings), _thin(held, warnings)
     recorded = train + held
@@ -248,24 +257,9 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
             train_sources, held_sources = sources[: len(train)], sources[len(train) :]
             ctx = build_context(model, names, train_sources)
             sim = Simulator(model, ctx, threads=config.jobs)
-    _check_motion(together, model, names, warnings)
+    check_motion(together, model, names, noise, warnings)
+    check_model(plain, names, warnings)
     return Prepared(
         spec, sim.model, names, sim.ctx, sim, noise, train_sources, held_sources, dt, measured, warnings, config,
         float(plain.opt.timestep),
     )  # fmt: skip
-
-
-def _check_motion(
-    recordings: list[Recording], model: mujoco.MjModel, names: Names, warnings: list[str]
-) -> None:
-    span = np.zeros(model.nq)
-    for r in recordings:
-        span = np.maximum(span, np.nan_to_num(np.ptp(r.qpos, axis=0)))
-    if np.all(span == 0):
-        warnings.append(
-            "the robot never moved: friction, damping, inertia, drag, delay and lag cannot be seen; only constant "
-            "forces against the held pose can."
-        )
-    for j in range(model.njnt):
-        if np.isnan(recordings[0].qpos[:, model.jnt_qposadr[j]]).all():
-            warnings.append(f"the position of joint {names.joints[j]} was never measured.")

@@ -195,11 +195,12 @@ def _spans(recording: Recording, duration: float, skip: float = 0.0) -> list[tup
         if broken.size:
             a = a + int(broken[0]) + 1
             continue
-        whole = t[b] - t[a] >= 0.8 * duration
-        if b <= a or not whole:
-            break
-        out.append((a, b))
-        a = b
+        if t[b] - t[a] >= 0.8 * duration * (1 - 1e-6):
+            out.append((a, b))
+            a = b
+        else:
+            # rows were lost before its end: the next one starts after them
+            a = max(b, a + 1)
     return out
 
 
@@ -304,7 +305,8 @@ def activation(model: mujoco.MjModel, source: Source, row: int) -> Array:
                     x = u + (x - u) * np.exp(-step / tau)
             act[adr] = x
         elif model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_INTEGRATOR:
-            act[adr] = source.integral[row, a] + (
-                0.0 if source.activation is None else source.activation[adr]
-            )
+            x = 0.0 if source.activation is None else source.activation[adr]
+            for change in np.diff(source.integral[: row + 1, a]) if model.actuator_actlimited[a] else ():
+                x = float(np.clip(x + change, *model.actuator_actrange[a]))
+            act[adr] = x if model.actuator_actlimited[a] else x + source.integral[row, a]
     return act

@@ -166,6 +166,11 @@ class ContactStiffness(_Contact):
     remedy = "drops from several heights"
     ratios = (0.5, 0.75, 1.4, 2.0, 3.0, 5.0)
 
+    def places(self, ctx: Context) -> list[Place]:
+        """Where contacts have a time constant: MuJoCo's other format (negative numbers) has a stiffness instead."""
+        direct = {g for pair in ctx.contacts for g in pair if ctx.model.geom_solref[g, 0] <= 0}
+        return [p for p in super().places(ctx) if (p.index not in direct if p.kind == "geom" else not direct)]
+
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         dt, nominal = float(ctx.model.opt.timestep), float(self.null(ctx, place)[0])
         return (Param("time_constant", "s", 2 * dt, 1.0, max(0.05 * nominal, 1e-3)),)

@@ -1,0 +1,136 @@
+"""Models and recordings that are legitimate, but unlike most."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import matplotlib.pyplot as plt
+import mujoco
+import numpy as np
+import pytest
+from machines import BOX, PENDULUM, record
+
+from mpge_jax.diagnosis import Config, InputError, Recording, diagnose
+from mpge_jax.diagnosis.actuator_side import diagnose_actuators
+from mpge_jax.diagnosis.contacts import allowed_pairs
+from mpge_jax.diagnosis.effects.base import REGISTRY, nominal_context
+from mpge_jax.diagnosis.export import _text
+from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.prepare import Prepared, prepare
+from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.windows import _spans
+
+
+def prepared(xml: str, recordings: list[Recording]) -> Prepared:
+    spec = mujoco.MjSpec.from_string(xml)
+    plain = compile_variable(spec)
+    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+
+
+def _log(time: np.ndarray) -> Recording:
+    return Recording("run", time, np.sin(time)[:, None], None, np.zeros((time.size, 1)))
+
+
+def test_windows_go_on_after_lost_rows():
+    time = np.delete(np.arange(0, 20, 0.02), [24, 25, 26, 500, 501])
+    spans = _spans(_log(time), 0.25)
+    assert len(spans) > 70
+    assert all(time[b] - time[a] >= 0.2 for a, b in spans)
+
+
+@pytest.mark.parametrize("rate", [5, 7, 10, 11, 15.5])
+def test_sparse_rows_hold_windows_of_whole_steps(rate):
+    time = np.arange(0, 20, 1 / rate)
+    p = prepared(PENDULUM, [dataclasses.replace(_log(time + k), name=f"run_{k}") for k in range(3)])
+    w = p.windows(False, 0.25, 1000)
+    assert w.count > 60
+    assert (w.times.max(1) >= 0.2).all() and (w.times.max(1) < 0.45).all()
+
+
+@pytest.mark.parametrize("change", [("<motor", '<general dyntype="filterexact" dynprm=".05"'), None])
+def test_forces_of_actuators_with_a_state_are_not_judged_by_their_commands(change):
+    xml = (
+        PENDULUM.replace(*change)
+        if change
+        else PENDULUM.replace("ctrlrange", 'delay=".02" nsample="20" ctrlrange')
+    )
+    recordings = [dataclasses.replace(r, force=0.3 * r.ctrl) for r in record(PENDULUM, 0.8)]
+    p = prepared(xml, recordings)
+    found = diagnose_actuators(
+        p, compile_variable(mujoco.MjSpec.from_string(xml)), ["actuator_gain", "actuator_lag"]
+    )
+    assert found is not None and not found.fits
+    assert any("motor turns commands into force is not checked" in w for w in p.warnings)
+
+
+def test_neither_commands_nor_forces_is_refused():
+    recordings = record(PENDULUM, 0.8)
+    recordings[1] = dataclasses.replace(recordings[1], ctrl=None, force=recordings[1].ctrl)
+    with pytest.raises(InputError, match="run_1 holds no commands, and the force of motor was not measured"):
+        prepared(PENDULUM, recordings)
+
+
+def test_equal_names_are_refused_and_copies_warned_of():
+    recordings = record(PENDULUM, 0.8)
+    with pytest.raises(InputError, match="3 recordings are called 'run'"):
+        diagnose(
+            mujoco.MjSpec.from_string(PENDULUM), [dataclasses.replace(r, name="run") for r in recordings]
+        )
+    copy = dataclasses.replace(recordings[0], name="heldout_0")
+    assert any("same recording" in w for w in prepared(PENDULUM, [*recordings, copy]).warnings)
+
+
+def test_a_machine_at_rest_never_moved_whatever_its_noise():
+    rng, time = np.random.default_rng(0), np.arange(300) / 100
+    still = [
+        Recording(f"run_{k}", time, 1e-4 * rng.standard_normal((300, 1)), None, np.zeros((300, 1)))
+        for k in range(3)
+    ]
+    assert any("never moved" in w for w in prepared(PENDULUM, still).warnings)
+    assert not any("never moved" in w for w in prepared(PENDULUM, record(PENDULUM, 0.8)).warnings)
+
+
+def test_disabled_forces_are_said():
+    xml = PENDULUM.replace("/><worldbody>", '><flag frictionloss="disable"/></option><worldbody>')
+    assert any("disables frictionloss" in w for w in prepared(xml, record(PENDULUM, 0.8)).warnings)
+
+
+def test_unnamed_actuators_of_one_joint_have_names_of_their_own():
+    xml = PENDULUM.replace("</actuator>", '<position joint="hinge"/><velocity joint="hinge"/></actuator>')
+    assert names_of(mujoco.MjModel.from_xml_string(xml)).actuators == ("motor", "hinge", "actuator_2")
+
+
+def test_contacts_with_a_direct_stiffness_have_no_time_constant():
+    direct = BOX.replace('mass="1"', 'mass="1" solref="-5000 -60"')
+    for xml, places in ((BOX, ["world"]), (direct, [])):
+        ctx = nominal_context(mujoco.MjModel.from_xml_string(xml))
+        assert ctx.contacts == allowed_pairs(ctx.model) != ()
+        assert [q.name for q in REGISTRY["contact_stiffness"].places(ctx)] == places
+
+
+@pytest.mark.parametrize("encoding", ["gbk", "nonsense"])
+def test_unreadable_encodings_are_named(tmp_path, encoding):
+    path = tmp_path / "m.xml"
+    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?>' + PENDULUM)
+    with pytest.raises(InputError, match="save it as UTF-8"):
+        load_spec(path)
+
+
+def test_pictures_of_cubes_are_copied(tmp_path):
+    (tmp_path / "tex").mkdir()
+    for side in ("a", "b"):
+        plt.imsave(tmp_path / "tex" / f"{side}.png", np.zeros((2, 2, 3)))
+    faces = ("right", "left", "up", "down", "front", "back")
+    sides = " ".join(f'file{face}="{"ab"[i % 2]}.png"' for i, face in enumerate(faces))
+    asset = f'<asset><texture name="t" type="cube" {sides}/></asset><worldbody>'
+    path = tmp_path / "m.xml"
+    path.write_text(
+        PENDULUM.replace("<worldbody>", asset).replace("<mujoco>", '<mujoco><compiler texturedir="tex"/>')
+    )
+    spec = load_spec(path)
+    spec.compile()
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "nominal.xml").write_text(_text(spec, out))
+    assert sorted(f.name for f in (out / "assets").iterdir()) == ["a.png", "b.png"]
+    assert mujoco.MjModel.from_xml_path(str(out / "nominal.xml")).ntex == 1
