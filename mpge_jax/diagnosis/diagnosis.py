@@ -25,7 +25,7 @@ from mpge_jax.diagnosis.fit import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.judge import FitReport, error_drops, fit_report, helps, locate, remains, what_is_left
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.prepare import Prepared, is_servo, prepare, with_drives
+from mpge_jax.diagnosis.prepare import Prepared, drive_by_force, is_servo, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
 from mpge_jax.diagnosis.recording import Recording, validate
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
@@ -334,8 +334,13 @@ def by_command(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> tuple
     nothing is missing on the mechanical side, only this shows what the correction changes."""
     sources = []
     for group in (p.train_sources, p.held_sources):
-        sources.append(tuple(Source.build(s.recording, s.states, s.recording.known("ctrl")) for s in group))
-    sim = Simulator(plain, found.ctx, threads=p.config.jobs)
+        built = (
+            Source.build(s.recording, s.states, s.recording.known("ctrl"), late=plain.actuator_delay)
+            for s in group
+        )
+        sources.append(tuple(built))
+    model = compile_variable(drive_by_force(p.spec, np.zeros_like(p.measured)))
+    sim = Simulator(model, found.ctx, threads=p.config.jobs)
     parts = {t: x for f in found.fits for t, x in f.hypothesis.split(found.ctx, f.theta).items()}
     hypothesis = Hypothesis.of(*parts)
     theta = hypothesis.gather(sim.ctx, parts)

@@ -70,9 +70,11 @@ def measured_forces(recordings: list[Recording], model: mujoco.MjModel) -> np.nd
 
 
 def drive_by_force(spec: mujoco.MjSpec, measured: np.ndarray) -> mujoco.MjSpec:
-    """A copy in which actuators with measured forces pass on their command as force."""
+    """A copy in which actuators with measured forces pass on their command as force, and none has a delay: windows
+    would begin with its buffer empty, so that `Source` delays the commands instead."""
     spec = spec.copy()
     for actuator in spec.actuators:
+        actuator.delay, actuator.nsample = 0.0, 0
         if not measured[actuator.id]:
             continue
         actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
@@ -104,7 +106,8 @@ def follows(model: mujoco.MjModel) -> np.ndarray:
 def _source(r: Recording, states: States, plain: mujoco.MjModel, measured: np.ndarray) -> Source:
     command = _command(r, measured)
     smooth = _smooth_part(r, states, command, plain, np.ones(plain.nu))
-    return Source.build(r, states, command, np.where(measured & follows(plain), smooth, 0.0))
+    late = np.where(measured, 0.0, plain.actuator_delay)
+    return Source.build(r, states, command, np.where(measured & follows(plain), smooth, 0.0), late=late)
 
 
 def _smooth_part(
@@ -189,7 +192,7 @@ def with_drives(
             if not continuous[a]:
                 held = gain * np.nan_to_num(s.recording.known("ctrl")[:, a])
                 smooth[:, a] = s.command[:, a] - held
-        return Source.build(s.recording, s.states, s.command, smooth, ages)
+        return Source.build(s.recording, s.states, s.command, smooth, ages, late=s.late)
 
     return replace(
         p,
@@ -236,7 +239,7 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     check_copies(train, held, warnings)
     measured = measured_forces(recordings, plain)
     check_commands(recordings, measured, names)
-    model = compile_variable(drive_by_force(spec, measured)) if measured.any() else plain
+    model = compile_variable(drive_by_force(spec, measured))
     train, held = _thin(train, warnings), _thin(held, warnings)
     recorded = train + held
     together, notes = at_their_stamps(recorded, plain, names)

@@ -26,6 +26,7 @@ class Source:
         smooth: [T, nu] the part of it that changes between rows and is not held.
         integral: [T, nu] its running integral, for means over steps.
         activation: [na] of the actuators' filters at the first row, where it is known.
+        late: [nu] s by which commands act late in the model itself.
     """
 
     recording: Recording
@@ -34,6 +35,7 @@ class Source:
     smooth: Array
     integral: Array
     activation: Array | None = None
+    late: Array | None = None
 
     @staticmethod
     def build(
@@ -43,25 +45,27 @@ class Source:
         smooth: Array | None = None,
         age: Array | None = None,
         activation: Array | None = None,
+        late: Array | None = None,
     ) -> Source:
         """`smooth` [T, nu]: the part of the command that changes between rows (all of a servo's measured force) and
         is not held; it acts `age` [nu] (s) late."""
         smooth = np.zeros_like(command) if smooth is None else smooth
-        t, late = recording.time, smooth.copy()
+        t, aged = recording.time, smooth.copy()
         for a, old in enumerate(np.zeros(0) if age is None else age):
-            late[:, a] = np.interp(t - old, t, smooth[:, a])
-        mean = (command - smooth)[:-1] + 0.5 * (late[:-1] + late[1:])
+            aged[:, a] = np.interp(t - old, t, smooth[:, a])
+        mean = (command - smooth)[:-1] + 0.5 * (aged[:-1] + aged[1:])
         steps = np.diff(recording.time)[:, None] * mean
         integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(steps, 0)])
-        return Source(recording, states, command, smooth, integral, activation)
+        return Source(recording, states, command, smooth, integral, activation, late)
 
     def mean_command(self, edges: Array) -> Array:
         """Mean command [L, nu] over the steps between consecutive times `edges` [L + 1]."""
         t, out = self.recording.time, np.empty((edges.size - 1, self.command.shape[1]))
         for a in range(self.command.shape[1]):
-            value = np.interp(edges, t, self.integral[:, a])
-            value += np.minimum(edges - t[0], 0.0) * self.command[0, a]
-            value += np.maximum(edges - t[-1], 0.0) * self.command[-1, a]
+            sent = edges if self.late is None else edges - self.late[a]
+            value = np.interp(sent, t, self.integral[:, a])
+            value += np.minimum(sent - t[0], 0.0) * self.command[0, a]
+            value += np.maximum(sent - t[-1], 0.0) * self.command[-1, a]
             out[:, a] = np.diff(value) / np.diff(edges)
         return out
 
@@ -168,10 +172,12 @@ def roughness(recording: Recording) -> Array:
 
 
 def settling(source: Source, model: mujoco.MjModel) -> float:
-    """Seconds at the start of a recording in which the actuators' filters still hold what was commanded before."""
+    """Seconds at the start of a recording in which the actuators' filters and delays still hold what was commanded
+    before."""
     if source.activation is not None:
         return 0.0
-    longest = 5.0 * float(time_constants(model).max(initial=0.0))
+    late = 0.0 if source.late is None else float(np.max(source.late, initial=0.0))
+    longest = late + 5.0 * float(time_constants(model).max(initial=0.0))
     return min(longest, UNSETTLED * source.recording.duration)
 
 

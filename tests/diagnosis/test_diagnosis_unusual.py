@@ -13,11 +13,13 @@ from machines import BOX, PENDULUM, record
 from mpge_jax.diagnosis import Config, InputError, Recording, diagnose
 from mpge_jax.diagnosis.actuator_side import diagnose_actuators
 from mpge_jax.diagnosis.contacts import allowed_pairs
-from mpge_jax.diagnosis.effects.base import REGISTRY, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
 from mpge_jax.diagnosis.export import _text
+from mpge_jax.diagnosis.fit import NOTHING
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.prepare import Prepared, prepare
 from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.verdict import errors
 from mpge_jax.diagnosis.windows import _spans
 
 
@@ -134,3 +136,16 @@ def test_pictures_of_cubes_are_copied(tmp_path):
     (out / "nominal.xml").write_text(_text(spec, out))
     assert sorted(f.name for f in (out / "assets").iterdir()) == ["a.png", "b.png"]
     assert mujoco.MjModel.from_xml_path(str(out / "nominal.xml")).ntex == 1
+
+
+def test_a_delay_in_the_model_is_filled_with_the_commands_before_a_window():
+    """Nothing is missing: the truth has the model's delay of 30 ms; 10 ms more are exported on top of it."""
+    xml = PENDULUM.replace("ctrlrange", 'delay="0.03" nsample="64" ctrlrange')
+    p = prepared(xml, record(xml, 0.8))
+    w = p.windows(False, 0.25, 40)
+    nothing = errors(p.sim, NOTHING, w)
+    plain = prepared(PENDULUM, record(PENDULUM, 0.8))
+    assert nothing.rms < 1.5 * errors(plain.sim, NOTHING, plain.windows(False, 0.25, 40)).rms
+    spec = mujoco.MjSpec.from_string(xml)
+    assert REGISTRY["actuator_delay"].export(spec, p.ctx, Place("actuator", "motor", 0), np.array([0.01]))
+    assert spec.compile().actuator_delay[0] == pytest.approx(0.04)

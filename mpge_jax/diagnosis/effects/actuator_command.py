@@ -55,8 +55,8 @@ class ActuatorDelay(OfActuator):
         dt = float(ctx.model.opt.timestep)
         if theta[0] < dt:
             return False
-        a.delay = float(theta[0])
-        a.nsample = int(np.ceil(theta[0] / dt)) + 1
+        a.delay = float(a.delay + theta[0])
+        a.nsample = int(np.ceil(a.delay / dt)) + 1
         return True
 
 
