@@ -210,7 +210,8 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
         decided, rivals = _look_again(p, s, say)
         noise, more = _left(p, s, decided) if decided.hypothesis.terms else (noise, more)
     f = decided
-    if decided.theta.size and c.report_s > c.decide_s:
+    # what nobody knows adds up in longer windows and pulls parameters along
+    if decided.theta.size and not more and c.report_s > c.decide_s:
         say("refining parameters")
         f = refined(s, decided, p.windows(False, c.report_s, REFINED))
     held = fit_report(p, f, held=True)

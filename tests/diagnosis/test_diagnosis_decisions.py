@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.effects.base import Param, Place
 from mpge_jax.diagnosis.evidence import deviations, rare, stand_out, strong
 from mpge_jax.diagnosis.finish import final_fit, prune, refined
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, _jackknife, _Problem, beyond, evaluate, fit, timing_error
+from mpge_jax.diagnosis.fit import NOTHING, Fitted, _jackknife, _Problem, beyond, fit, timing_error
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.judge import fit_report, helps
 from mpge_jax.diagnosis.model import compile_variable, names_of
@@ -30,7 +30,6 @@ from mpge_jax.diagnosis.search import search
 from mpge_jax.diagnosis.select import Scored, clearly_worse
 from mpge_jax.diagnosis.states import estimate
 from mpge_jax.diagnosis.telling import telling_windows
-from mpge_jax.diagnosis.whiten import numerics, whitener
 
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
 COULOMB, STRIBECK = Term("coulomb_friction", HINGE), Term("stribeck_friction", HINGE)
@@ -340,25 +339,6 @@ def test_longer_windows_refine_parameters_and_intervals_hold_the_disagreement(ru
     assert disagreed.theta[0] == pytest.approx(0.1, rel=0.01)
     assert disagreed.cov[0, 0] - agreed.cov[0, 0] == pytest.approx((0.03 / 3) ** 2, rel=0.2)
     assert refined(s, NOTHING, longer) is NOTHING
-
-
-@pytest.mark.parametrize("late", [False, True])
-def test_another_integrator_and_commands_within_a_timestep_are_no_physics(late):
-    """Runge-Kutta of 2 ms against a semi-implicit step a quarter as long, or commands an eighth of a step later."""
-
-    def change(model: mujoco.MjModel) -> None:
-        model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-
-    xml = PENDULUM.replace("implicitfast", "RK4")
-    s, _ = search_of(xml, record(xml, 0.8, change=None if late else change, noise=1e-5))
-    w = s.train.later(s.train.dt / 8) if late else s.train
-    nuisance = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, w)
-    left = []
-    for directions in ([], nuisance):
-        white = whitener(s.sim, NOTHING.hypothesis, NOTHING.theta, w, s.noise, directions, temper=False)
-        left.append(evaluate(s.sim, [NOTHING], w, white)[0].loss)
-    assert left[0] > 2.0 and left[1] < 1.2
-    assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
 
 
 def test_a_machine_without_actuators_is_diagnosed_from_its_swings():
