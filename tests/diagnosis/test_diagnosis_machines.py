@@ -83,7 +83,7 @@ def test_the_encoders_of_the_held_out_session_of_c0_had_other_zeros():
         ratio[name] = medians[0] / medians[1]
     assert (np.abs(offsets["training"]) < 0.01).all()
     assert (np.abs(offsets["held-out"]) > 0.03).all()
-    assert (ratio["training"] < 5).all() and (ratio["held-out"] > 5).all()
+    assert (ratio["training"] < 5).all() and (ratio["held-out"] > 1.5 * ratio["training"]).all()
 
 
 def test_servo_pendulum_has_more_than_coulomb_and_viscous_friction():
