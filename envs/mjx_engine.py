@@ -23,6 +23,15 @@ _IGNORED = (
 _WARP_COPIES = 8192
 
 
+def check_computed(model: mujoco.MjModel) -> None:
+    """Raises ValueError if the model uses what MJX in JAX takes without a word and leaves out."""
+    ignored = [name for name in _IGNORED if np.any(getattr(model, name))]
+    if ignored:
+        raise ValueError(
+            f"MJX does not compute {', '.join(ignored)}, which this model uses: take backend 'c'"
+        )
+
+
 class MJXEngine:
     """`init` and `step` on MJX; batched by `vmap`.
 
@@ -35,11 +44,8 @@ class MJXEngine:
     """
 
     def __init__(self, model: mujoco.MjModel, implementation: str = "jax"):
-        ignored = [name for name in _IGNORED if np.any(getattr(model, name))]
-        if implementation == "jax" and ignored:
-            raise ValueError(
-                f"MJX does not compute {', '.join(ignored)}, which this model uses: take backend 'c'"
-            )
+        if implementation == "jax":
+            check_computed(model)
         self.model = model
         self._implementation = implementation
         self._sizes: dict[str, int] = {}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import mannwhitneyu, norm
 
+from mpge_jax.diagnosis.activations import activation
 from mpge_jax.diagnosis.coarse import states_as_measured
 from mpge_jax.diagnosis.evidence import SEVERAL
 from mpge_jax.diagnosis.fit import Fitted
@@ -19,7 +20,7 @@ from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.states import estimate
 from mpge_jax.diagnosis.verdict import noise_floor
 from mpge_jax.diagnosis.whiten import column_scale, numerics, robust_loss, whitener
-from mpge_jax.diagnosis.windows import Source, Windows, activation, cut
+from mpge_jax.diagnosis.windows import Source, Windows, cut
 
 Array = np.ndarray
 SEGMENT = 0.8

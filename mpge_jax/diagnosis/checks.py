@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.model import Names
+from mpge_jax.diagnosis.model import Names, qpos_columns
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.states import Noise
 
@@ -23,6 +23,17 @@ def check_commands(recordings: list[Recording], measured: np.ndarray, names: Nam
                 f"{r.name} holds no commands, and the force of {name} was not measured in most rows of "
                 "every recording; add 'ctrl' or leave the recording out."
             )
+
+
+def check_forces(
+    recordings: list[Recording], measured: np.ndarray, names: Names, warnings: list[str]
+) -> None:
+    """Warn of forces that some recordings hold and others lack: they are not used."""
+    some = [np.isfinite(r.known("force")).any(0) for r in recordings if r.force is not None]
+    for a in np.flatnonzero(np.any(some, axis=0) & ~measured if some else []):
+        warnings.append(
+            f"the force of {names.actuators[a]} was not measured in most rows of every recording, and is not used."
+        )
 
 
 def check_copies(train: list[Recording], held: list[Recording], warnings: list[str]) -> None:
@@ -64,6 +75,15 @@ def check_motion(
             "the robot never moved: friction, damping, inertia, drag, delay and lag cannot be seen; only constant "
             "forces against the held pose can."
         )
+    unmeasured = np.all([np.isnan(r.qpos).all(0) for r in recordings], axis=0)
+    sometimes = np.any([np.isnan(r.qpos).all(0) for r in recordings], axis=0)
     for j in range(model.njnt):
-        if np.isnan(recordings[0].qpos[:, model.jnt_qposadr[j]]).all():
-            warnings.append(f"the position of joint {names.joints[j]} was never measured.")
+        columns = slice(*qpos_columns(model, j))
+        if unmeasured[columns].any():
+            part = "" if unmeasured[columns].all() else "a part of "
+            warnings.append(
+                f"{part}the position of joint {names.joints[j]} was never measured; it is taken to stay where the "
+                "model has it."
+            )
+        elif sometimes[columns].any():
+            warnings.append(f"the position of joint {names.joints[j]} was not measured in every recording.")

@@ -38,16 +38,37 @@ LOWER = 0.5
 def is_coarse(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -> bool:
     """Whether rows hold whole states several of the model's timesteps apart, and differences show suspicious noise."""
     period = float(np.median(np.concatenate([np.diff(r.time) for r in recordings])))
-    if period < 1.9 * model.opt.timestep or any(r.qvel is None for r in recordings):
+    if period < 1.9 * model.opt.timestep or not holds_states(recordings, model, noise):
+        return False
+    known = np.isfinite(noise.qvel)
+    moving = np.nanstd(np.concatenate([r.known("qvel")[:, known] for r in recordings]), axis=0)
+    return bool(known.any() and np.median(noise.qvel[known] / np.maximum(moving, 1e-12)) > DOUBTFUL)
+
+
+def holds_states(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -> bool:
+    """Whether every row tells the velocity wherever it tells a position."""
+    if any(r.qvel is None for r in recordings):
         return False
     placed = np.isfinite(column_scale(noise, model)[: model.nv])
     for r in recordings:
         residual = np.isnan(r.known("qvel")).any(0) & placed & _measured(r, model)
         if residual.any():
             return False
+    return True
+
+
+def as_large_as_motion(recordings: list[Recording], noise: Noise) -> Noise:
+    """Noise of which nothing is known but that it is less than the motion: what `bound` starts from."""
+    spread = [
+        np.nan_to_num(np.ptp(np.concatenate([r.known(k) for r in recordings]), axis=0))
+        for k in ("qpos", "qvel")
+    ]
     known = np.isfinite(noise.qvel)
-    moving = np.nanstd(np.concatenate([r.known("qvel")[:, known] for r in recordings]), axis=0)
-    return bool(known.any() and np.median(noise.qvel[known] / np.maximum(moving, 1e-12)) > DOUBTFUL)
+    return replace(
+        noise,
+        qpos=np.maximum(spread[0], SIGMA_FLOOR),
+        qvel=np.where(known, np.maximum(spread[1], SIGMA_VELOCITY_FLOOR), np.inf),
+    )
 
 
 def _measured(r: Recording, model: mujoco.MjModel) -> Array:

@@ -28,10 +28,12 @@ def inverse_samples(
     stride = max(1, total // limit)
     q, v, a, residual, needed, drive, speed = [], [], [], [], [], [], []
     for s in sources:
-        for row in range(1, s.recording.time.size - 1, stride):
+        # a transition has no inner row
+        inner = range(1, s.recording.time.size - 1, stride) if s.recording.time.size > 2 else range(1)
+        for row in inner:
             data.qpos[:], data.qvel[:] = s.states.qpos[row], s.states.qvel[row]
             data.qacc[:] = s.states.qacc[row]
-            data.ctrl[:] = 0.5 * (s.command[row] + s.command[row - 1])
+            data.ctrl[:] = 0.5 * (s.command[row] + s.command[max(row - 1, 0)])
             mujoco.mj_inverse(model, data)
             mujoco.mj_fwdActuation(model, data)
             q.append(data.qpos.copy())

@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,32 +13,37 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis import resume
-from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
-from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
-from mpge_jax.diagnosis.candidates import all_terms
+from mpge_jax.diagnosis.actuator_side import ActuatorSide, by_command, diagnose_actuators
+from mpge_jax.diagnosis.build_search import build_search
+from mpge_jax.diagnosis.calibrate import Floor, floor
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.finish import final_fit, prune, refined
 from mpge_jax.diagnosis.fit import NOTHING, Fitted
-from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.judge import FitReport, error_drops, fit_report, helps, locate, remains, what_is_left
+from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.judge import (
+    FitReport,
+    Remainder,
+    error_drops,
+    fit_report,
+    helps,
+    locate,
+    note_numerics,
+    remainder,
+    together,
+    what_is_left,
+)
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.prepare import Prepared, drive_by_force, is_servo, prepare, with_drives
+from mpge_jax.diagnosis.prepare import Prepared, is_servo, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
 from mpge_jax.diagnosis.recording import Recording, validate
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
 from mpge_jax.diagnosis.search import search
 from mpge_jax.diagnosis.select import Rival, Scored, Search
-from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.staleness import staleness
-from mpge_jax.diagnosis.telling import telling_windows
-from mpge_jax.diagnosis.whiten import whitener
-from mpge_jax.diagnosis.windows import Source, Windows
 
 Array = np.ndarray
-POOL = 3
-"""Training windows that are looked at for each one that is fitted."""
 FEWEST = 8
 """Windows that it takes at least to look once more."""
 REFINED = 60
@@ -171,7 +175,6 @@ def diagnose(
             raise InputError(
                 f"{called.count(name)} recordings are called '{name}'; give each a name of its own."
             )
-    say(f"reading {len(checked)} recordings")
     prepared = prepare(spec, checked, config)
     result = _diagnose(prepared, plain, say, progress)
     if progress is not None:
@@ -181,70 +184,101 @@ def diagnose(
 
 
 def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path | None) -> Diagnosis:
-    c = p.config
-    ids = [
-        i
-        for i, e in REGISTRY.items()
-        if e.side == "actuator" and (c.effects is None or i.partition(":")[0] in c.effects)
-    ]
-    actuators = diagnose_actuators(p, plain, ids)
-    if actuators is not None:
-        drives = actuators.between_rows()
-        p = with_drives(p, plain, *drives)
-        servos = [a for a in map(int, np.flatnonzero(p.measured)) if is_servo(plain, a)]
-        age = staleness(p, servos)
-        if age:
-            p.warnings.append(
-                f"the servos' measured forces act {1e3 * age:.2g} ms late, as those of servos that compute in steps "
-                "and hold their force; this is taken into account and is no missing physics."
-            )
-            p = with_drives(p, plain, *drives, age=dict.fromkeys(servos, age))
-    s = _build_search(p, say, c.decide_s)
+    p, actuators = _by_measured_forces(p, plain)
+    s = build_search(p, say, p.config.decide_s)
     _check_windows(p, s)
     if progress is not None:
         resume.attach(s, p, progress)
-    say(f"{len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows")
-    decided, rivals = _settle(s, *search(s))
-    noise, more = _left(p, s, decided)
-    if not decided.hypothesis.terms and not more:
-        decided, rivals = _look_again(p, s, say)
-        noise, more = _left(p, s, decided) if decided.hypothesis.terms else (noise, more)
-    f = decided
-    # what nobody knows adds up in longer windows and pulls parameters along
-    if decided.theta.size and not more and c.report_s > c.decide_s:
-        say("refining parameters")
-        f = refined(s, decided, p.windows(False, c.report_s, REFINED))
-    held = fit_report(p, f, held=True)
-    if not helps(held):
-        s.log.append(f"dropped: {f.hypothesis} predicts held-out recordings no better")
-        f, decided, rivals = NOTHING, NOTHING, {}
-        held = fit_report(p, f, held=True)
-        noise, more = _left(p, s, decided)
+    recordings = len(p.train_sources) + len(p.held_sources)
+    say(
+        f"{recordings} recordings, {len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows"
+    )
+    found = _decide(p, s, say)
     say("judging what is left")
-    shown, ratio = (p, f), noise.ratio
-    if actuators is not None and actuators.fits and not f.hypothesis.terms:
-        shown = by_command(p, plain, actuators)
-        # no measured force, and no noise of one, drives this machine
-        ratio = min(ratio, 1.0)
-        held = fit_report(*shown, held=True)
+    f, shown, held, ratio = found.fit, (p, found.fit), found.held, found.noise.ratio
+    corrected = bool(f.hypothesis.terms)
+    if actuators is not None and actuators.fits:
+        if not corrected:
+            shown = by_command(p, plain, actuators)
+            # no measured force, and no noise of one, drives this machine
+            ratio = min(ratio, 1.0)
+            held = fit_report(*shown, held=True)
+        corrected = True
     train, held = (r.above(ratio) for r in (fit_report(*shown, held=False), held))
-    found = bool(f.hypothesis.terms) or (actuators is not None and bool(actuators.fits))
-    unexplained = what_is_left(p, s, decided, held, found) if more else None
+    unexplained = None if found.left is None else what_is_left(p, s, found.left, held, corrected)
+    if unexplained is None:
+        note_numerics(p, f, held.windows)
+    if actuators is not None:
+        unexplained = together([unexplained, *actuators.left])
     drop = error_drops(p, f, held)
-    ambiguous = any(r.tied for rs in rivals.values() for r in rs)
     verdict = "none"
     if unexplained is not None:
         verdict = "unexplained"
-    elif ambiguous:
+    elif any(r.tied for rs in found.rivals.values() for r in rs):
         verdict = "ambiguous"
-    elif found:
+    elif corrected:
         verdict = "effects"
-    warnings = list(dict.fromkeys(p.warnings))
-    location = locate(p, s)
+    location, warnings = locate(p, s), list(dict.fromkeys(p.warnings))
     return Diagnosis(
-        verdict, p, f, rivals, drop, train, held, location, unexplained, warnings, c, log=s.log,
+        verdict, p, f, found.rivals, drop, train, held, location, unexplained, warnings, p.config, log=s.log,
         actuators=actuators,
     )  # fmt: skip
+
+
+def _by_measured_forces(p: Prepared, plain: mujoco.MjModel) -> tuple[Prepared, ActuatorSide | None]:
+    """The machine driven by what was found of its drives where forces were measured, and what that is."""
+    tried = p.config.effects
+    ids = [
+        i
+        for i, e in REGISTRY.items()
+        if e.side == "actuator" and (tried is None or i.partition(":")[0] in tried)
+    ]
+    actuators = diagnose_actuators(p, plain, ids)
+    if actuators is None:
+        return p, None
+    drives = actuators.between_rows()
+    p = with_drives(p, plain, *drives)
+    servos = [a for a in map(int, np.flatnonzero(p.measured)) if is_servo(plain, a)]
+    age = staleness(p, servos)
+    if age:
+        p.warnings.append(
+            f"the servos' measured forces act {1e3 * age:.2g} ms late, as those of servos that compute in steps "
+            "and hold their force; this is taken into account and is no missing physics."
+        )
+        p = with_drives(p, plain, *drives, age=dict.fromkeys(servos, age))
+    return p, actuators
+
+
+@dataclass(frozen=True)
+class _Decision:
+    """Effects as they are reported, with rivals by term, held-out errors, the noise's floor and what is left."""
+
+    fit: Fitted
+    rivals: dict[Term, list[Rival]]
+    held: FitReport
+    noise: Floor
+    left: Remainder | None
+
+
+def _decide(p: Prepared, s: Search, say: _Progress) -> _Decision:
+    """Search, once more in longer windows if that finds nothing, refine, and keep only what helps."""
+    c = p.config
+    f, rivals = _settle(s, *search(s))
+    noise, left = _left(p, s, f)
+    if not f.hypothesis.terms and left is None:
+        f, rivals = _look_again(p, s, say)
+        noise, left = _left(p, s, f) if f.hypothesis.terms else (noise, left)
+    # what nobody knows adds up in longer windows and pulls parameters along
+    if f.theta.size and left is None and c.report_s > c.decide_s:
+        say("refining parameters")
+        f = refined(s, f, p.windows(False, c.report_s, REFINED))
+    held = fit_report(p, f, held=True)
+    if not helps(held):
+        s.log.append(f"dropped: {f.hypothesis} predicts held-out recordings no better")
+        f, rivals = NOTHING, {}
+        held = fit_report(p, f, held=True)
+        noise, left = _left(p, s, f)
+    return _Decision(f, rivals, held, noise, left)
 
 
 def _check_windows(p: Prepared, s: Search) -> None:
@@ -260,15 +294,15 @@ def _check_windows(p: Prepared, s: Search) -> None:
             )
 
 
-def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, bool]:
-    """What noise alone would leave if `f` were true, and whether more than that remains."""
+def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, Remainder | None]:
+    """What noise alone would leave if `f` were true, and what it leaves if that is more."""
     noise = floor(p, f)
-    return noise, remains(s, f, noise)
+    return noise, remainder(s, f, noise)
 
 
 def _look_again(p: Prepared, s: Search, say: _Progress) -> tuple[Fitted, dict[Term, list[Rival]]]:
     """Search longer windows, where slight effects add up, after nothing was found in those of `s`."""
-    longer = _build_search(p, say, p.config.report_s)
+    longer = build_search(p, say, p.config.report_s)
     if longer.train.steps <= s.train.steps or min(longer.train.count, longer.held.count) < FEWEST:
         return NOTHING, {}
     say("looking for slight effects in longer windows")
@@ -290,63 +324,3 @@ def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term
         s.resume = better.fit
         f, last = search(s)
     return f, rivals
-
-
-def _build_search(p: Prepared, say: _Progress, length: float) -> Search:
-    """A search that decides by windows of a length (s)."""
-    c = p.config
-    train, typical = _training_windows(p, length)
-    held = p.windows(True, length, c.held_windows)
-    sides = {"mechanical", "sensor"} if p.measured.all() and p.measured.size else None
-    terms = all_terms(p.ctx, c.effects, sides)
-    terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
-    terms = [t for t in terms if _visible(p, t)]
-    limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
-    shaken = force_noise(p)
-    calibrated = partial(floor, p, shaken=shaken) if shaken.any() else None
-    return Search(
-        p.sim, p.noise, train, held, terms, c.seed, say, max_terms=limit, typical=typical, floor=calibrated
-    )
-
-
-def _training_windows(p: Prepared, length: float) -> tuple[Windows, int]:
-    """Windows to fit, and how many of them were drawn at random (the first ones)."""
-    pool = p.windows(False, length, POOL * p.config.train_windows)
-    if pool.count <= p.config.train_windows:
-        return pool, pool.count
-    nothing = Hypothesis()
-    white = whitener(p.sim, nothing, np.zeros(0), pool, p.noise)
-    x = white.excess(white(p.sim.residuals([Run(nothing, np.zeros(0))], pool)))[0]
-    rng = np.random.default_rng([p.config.seed, 3])
-    index, typical = telling_windows(x, p.config.train_windows, rng)
-    return pool.take(index), typical
-
-
-def _visible(p: Prepared, term: Term) -> bool:
-    """Sensor effects need their sensor."""
-    if not term.effect.senses:
-        return True
-    column = p.ctx.qadr(term.place)
-    return any(not np.isnan(s.recording.qpos[:, column]).all() for s in p.train_sources)
-
-
-def by_command(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> tuple[Prepared, Fitted]:
-    """The machine driven by its commands rather than by measured forces, with what was found between the two: where
-    nothing is missing on the mechanical side, only this shows what the correction changes."""
-    sources = []
-    for group in (p.train_sources, p.held_sources):
-        built = (
-            Source.build(s.recording, s.states, s.recording.known("ctrl"), late=plain.actuator_delay)
-            for s in group
-        )
-        sources.append(tuple(built))
-    model = compile_variable(drive_by_force(p.spec, np.zeros_like(p.measured)))
-    sim = Simulator(model, found.ctx, threads=p.config.jobs)
-    parts = {t: x for f in found.fits for t, x in f.hypothesis.split(found.ctx, f.theta).items()}
-    hypothesis = Hypothesis.of(*parts)
-    theta = hypothesis.gather(sim.ctx, parts)
-    driven = replace(
-        p, model=sim.model, ctx=sim.ctx, sim=sim, train_sources=sources[0], held_sources=sources[1],
-        measured=np.zeros_like(p.measured),
-    )  # fmt: skip
-    return driven, Fitted(hypothesis, theta, theta)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -14,8 +15,10 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from mpge_jax.diagnosis.force_errors import ForceErrors, force_errors, motion_is_given
 from mpge_jax.diagnosis.locate import locate
 from mpge_jax.diagnosis.marks import Mark
+from mpge_jax.diagnosis.model import is_scalar
 from mpge_jax.diagnosis.parameters import candidates_of
 from mpge_jax.diagnosis.robot_picture import robot
+from mpge_jax.diagnosis.rotations import difference
 from mpge_jax.diagnosis.words import error_unit
 
 if TYPE_CHECKING:
@@ -66,11 +69,10 @@ def prediction(d: Diagnosis, path: Path) -> Path:
     model = d.prepared.model
     for i, dof in enumerate(dofs):
         joint = int(model.dof_jntid[dof])
-        column = int(model.jnt_qposadr[joint])
         for j, k in enumerate(picks):
             seen = w.seen[k]
             t, ax = w.times[k][seen], axes[i, j]
-            measured = w.qpos[k, seen, column]
+            measured = _measured(model, w.qpos[k, seen], dof)
             ax.plot(t, measured, color=MEASURED, lw=2.4, label="measured")
             for curves, color, style, label in (
                 (report.before.curves, NOMINAL, "--", "model as given"),
@@ -84,12 +86,31 @@ def prediction(d: Diagnosis, path: Path) -> Path:
                 name = _name(w.sources[w.source[k]].recording.name, 30)
                 ax.set_title(f"{name}, {w.start[k]:.2f} s", fontsize=9)
             if j == 0:
-                ax.set_ylabel(_name(d.prepared.names.joints[joint], 18))
+                ax.set_ylabel(_name(d.prepared.names.joints[joint], 18) + _axis(model, dof))
             if i == len(dofs) - 1:
                 ax.set_xlabel("time in window (s)")
             ax.grid(alpha=0.25)
     axes[0, 0].legend(fontsize=8)
     return _save(figure, path)
+
+
+def _measured(model: mujoco.MjModel, qpos: Array, dof: int) -> Array:
+    """Measured positions [N] along a degree of freedom; rotations of ball and free joints since the first of them."""
+    joint = int(model.dof_jntid[dof])
+    index, column = dof - int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
+    if is_scalar(model, joint) or (model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE and index < 3):
+        return qpos[:, column + index]
+    return difference(model, np.repeat(qpos[:1], len(qpos), 0), qpos)[:, dof]
+
+
+def _axis(model: mujoco.MjModel, dof: int) -> str:
+    """What tells a degree of freedom from the others of its joint."""
+    joint = int(model.dof_jntid[dof])
+    if is_scalar(model, joint):
+        return ""
+    names = ("x", "y", "z", "about x", "about y", "about z")
+    free = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+    return f", {names[dof - int(model.jnt_dofadr[joint]) + (0 if free else 3)]}"
 
 
 def forces(d: Diagnosis, e: ForceErrors, path: Path) -> Path:

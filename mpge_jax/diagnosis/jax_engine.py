@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from envs._mjx import mjx
+from envs.mjx_engine import check_computed
 from mpge_jax.diagnosis import stepping
 from mpge_jax.diagnosis.stepping import Machine
 
@@ -36,9 +37,14 @@ class CorrectedData:
 
 
 class CorrectedEngine:
-    """`init` and `step` of a machine with effects; both are pure, for one machine; batch with `jax.vmap`."""
+    """`init` and `step` of a machine with effects; both are pure, for one machine; batch with `jax.vmap`.
+
+    Raises:
+        ValueError: the model uses something that MJX leaves out.
+    """
 
     def __init__(self, machine: Machine) -> None:
+        check_computed(machine.model)
         model = copy.copy(machine.model)
         for dof in machine.dry_dofs():
             # MJX decides once which joints have dry friction; a trace of it keeps the row

@@ -12,13 +12,21 @@ from mpge_jax.diagnosis.fit import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.remainder import describe
-from mpge_jax.diagnosis.select import Search
+from mpge_jax.diagnosis.select import Scored, Search
+from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.verdict import LEFT, Errors, active_dofs, errors, excess_by_dof, noise_floor
-from mpge_jax.diagnosis.whiten import column_scale
+from mpge_jax.diagnosis.whiten import Whitener, column_scale, numerics, whitener
 from mpge_jax.diagnosis.windows import Windows
 
 TRAIN, HELD = 40, 60
 """Windows of the reported length on which errors are shown, at most."""
+SURE = 6.0
+"""Deviations from nothing at which differences of timing count as seen."""
+NUMERICS = (
+    "the recordings move as with a finer timestep, or another integrator, than the model's",
+    "commands act at another moment within a timestep than the model has it",
+)
+"""What `numerics` are, in their order."""
 
 
 @dataclass(frozen=True)
@@ -61,22 +69,35 @@ def helps(held: FitReport) -> bool:
     return bool(after.rms < before.rms or oftener)
 
 
-def remains(s: Search, f: Fitted, noise: Floor) -> bool:
-    """Whether `f` leaves more on the search's windows than the noise would."""
-    best = s.score([f], s.whiten(f, temper=False))[0]
-    losses = s.typical_losses(best)
+@dataclass(frozen=True)
+class Remainder:
+    """What a fit leaves that is more than noise.
+
+    Attributes:
+        scored: the fit with its losses on the search's windows. whites: of training and held-out windows.
+    """
+
+    scored: Scored
+    whites: tuple[Whitener, Whitener]
+
+
+def remainder(s: Search, f: Fitted, noise: Floor) -> Remainder | None:
+    """What `f` leaves on the search's windows if that is more than the noise would."""
+    whites = s.whiten(f, temper=False)
+    scored = s.score([f], whites)[0]
+    losses = s.typical_losses(scored)
     s.log.append(f"left: loss {losses.mean():.3f}, floor {noise.loss:.3f} +- {noise.error:.3f}")
-    return noise.exceeded(losses) or noise.far(best.losses)
+    return Remainder(scored, whites) if noise.exceeded(losses) or noise.far(scored.losses) else None
 
 
 def what_is_left(
-    p: Prepared, s: Search, decided: Fitted, held: FitReport, corrected: bool
+    p: Prepared, s: Search, left: Remainder, held: FitReport, corrected: bool
 ) -> dict[str, Any] | None:
-    """What the chosen effects leave that `remains`: the `unexplained` entry of a diagnosis.
+    """The `unexplained` entry of a diagnosis, where what is left matters.
 
     Args:
-        decided: the fit to the decision's windows, on which the remainder is tested.
-        held: errors with the effects as reported. corrected: whether any effect was found.
+        left: of the fit to the decision's windows. held: errors with the effects as reported. corrected: whether any
+            effect was found.
     """
     before, after = held.before.rms, held.after.rms
     beyond = np.sqrt(max(after**2 - held.floor**2, 0.0)) / max(
@@ -89,10 +110,44 @@ def what_is_left(
             "integrator differ in detail); it does not change what is named."
         )
         return None
-    whites = s.whiten(decided, temper=False)
-    best = s.score([decided], whites)[0]
-    ratio, _ = excess_by_dof(s.sim, decided, s.held, whites[1])
-    return describe(p, s, best, ratio, beyond**2)
+    return describe(p, s, left.scored, left.whites, beyond**2)
+
+
+def together(entries: list[dict[str, Any] | None]) -> dict[str, Any] | None:
+    """One `unexplained` entry for several."""
+    known = [e for e in entries if e is not None]
+    if len(known) < 2:
+        return known[0] if known else None
+    return {
+        "at": list(dict.fromkeys(at for e in known for at in e["at"])),
+        "when": "; ".join(f"at the {' and '.join(e['at'])} {e['when']}" for e in known),
+        "intervals": [i for e in known for i in e["intervals"]],
+        "share": max(e["share"] for e in known),
+    }
+
+
+def note_numerics(p: Prepared, f: Fitted, w: Windows) -> None:
+    """Warn of an integrator, timestep or late commands behind the recordings that are not the model's, with the size of
+    what they change: `numerics`, which searches see past."""
+    nv = p.model.nv
+    white = whitener(p.sim, f.hypothesis, f.theta, w, p.noise, temper=False)
+    residual = p.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
+    flat = white(residual)
+    changes = numerics(p.sim, f.hypothesis, f.theta, w)
+    weight = 1.0 / (1.0 + white.excess(flat) / 5.0)
+    columns = np.stack([white(residual + change) - flat for change in changes])
+    gram = np.einsum("w,pwm,qwm->pq", weight, columns, columns, optimize=True)
+    inverse = np.linalg.pinv(gram, hermitian=True)
+    amount = -inverse @ np.einsum("w,pwm,wm->p", weight, columns, flat, optimize=True)
+    sure = np.abs(amount) > SURE * np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    for change, a, found, what in zip(changes, amount, sure, NUMERICS, strict=True):
+        moved = (a * change[..., :nv])[np.isfinite(residual[..., :nv])]
+        size = float(np.sqrt(np.mean(moved**2))) if moved.size else 0.0
+        if found and size > column_scale(p.noise, p.model)[:nv].min():
+            length = float(w.times.max())
+            p.warnings.append(
+                f"{what}: {size:.1g} rad or m (rms) over {length:.2g} s. This is taken into account and is no physics."
+            )
 
 
 def error_drops(p: Prepared, f: Fitted, held: FitReport) -> dict[Term, float]:

@@ -69,16 +69,31 @@ def csv_places(model: mujoco.MjModel, names: Names) -> dict[tuple[str, str], int
     return places
 
 
-def raw_columns(path: Path) -> dict[str, np.ndarray]:
-    """Every column of a file by its own title, before any meaning is given to it."""
+def sources(columns: Mapping[str, Any]) -> set[str]:
+    """What the file calls the columns that a map reads."""
+    entries = [{"from": entry} if isinstance(entry, str) else entry for entry in columns.values()]
+    return {str(entry["from"]) for entry in entries if isinstance(entry, dict) and "from" in entry}
+
+
+def raw_columns(path: Path, wanted: set[str]) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The columns `wanted` of a file, before any meaning is given to them, and the titles of all."""
     if path.suffix.lower() == ".csv":
         titles, table = read_table(path, lambda _title: False)
-        return {t: table[:, i] for i, t in enumerate(titles)}
+        return {t: table[:, i] for i, t in enumerate(titles) if t in wanted}, list(titles)
     try:
         with path.open("rb") as binary, np.load(binary, allow_pickle=False) as data:
-            return {k: data[k] for k in data.files if data[k].dtype.kind in "fiub"}
+            return {k: _plain(path, data, k) for k in data.files if k in wanted}, list(data.files)
+    except InputError:
+        raise
     except Exception as error:  # damaged archives raise types of their own
         raise InputError(f"cannot read {path.name}: {type(error).__name__}.") from None
+
+
+def _plain(path: Path, data: Mapping[str, np.ndarray], key: str) -> np.ndarray:
+    try:
+        return data[key]
+    except ValueError:  # objects, which only a pickle holds
+        raise InputError(f"{path.name}: the map's '{key}' does not hold plain numbers.") from None
 
 
 def apply(
@@ -89,8 +104,8 @@ def apply(
     Raises:
         InputError: an entry names nothing in the file or in the model, or is malformed.
     """
-
-    raw, places, out = raw_columns(path), csv_places(model, names), dict(data)
+    raw, titles = raw_columns(path, sources(columns))
+    places, out = csv_places(model, names), dict(data)
     widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu, "actuator_force": model.nu}
     for target, entry in columns.items():
         entry = {"from": entry} if isinstance(entry, str) else entry
@@ -98,8 +113,10 @@ def apply(
             raise InputError(f"map: '{target}' needs 'from' (what the file calls it).")
         if entry["from"] not in raw:
             raise InputError(
-                f"{path.name}: the map's '{entry['from']}' is not in the file (it has {', '.join(raw)})."
+                f"{path.name}: the map's '{entry['from']}' is not in the file (it has {', '.join(titles)})."
             )
+        if raw[entry["from"]].dtype.kind not in "fiub":
+            raise InputError(f"{path.name}: the map's '{entry['from']}' does not hold plain numbers.")
         value = np.asarray(raw[entry["from"]], dtype=float)
         if value.ndim == 2:
             column = entry.get("column", 0)
@@ -122,6 +139,6 @@ def apply(
         array = out.get(key)
         if array is None or array.shape != (value.size, widths[key]):
             array = np.full((value.size, widths[key]), np.nan)
-        array[:, places[key, rest]] = value
-        out[key] = array
+        out[key] = np.array(array, dtype=float)
+        out[key][:, places[key, rest]] = value
     return out

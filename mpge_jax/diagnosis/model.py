@@ -21,20 +21,25 @@ def load_spec(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
         InputError: the file is missing, malformed, or refers to files that it may not read.
     """
     if isinstance(source, mujoco.MjSpec):
-        spec = source.copy()
-        _replace_total_mass(spec)
-        return spec
+        return _explicit(source.copy())
     path = Path(source)
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"
         raise InputError(f"the model file {path} {what}; give the path of an MJCF or URDF file.")
     model_files.check(path.resolve())
     try:
-        spec = model_files.read_spec(path.resolve())
-        _replace_total_mass(spec)
-        return spec
+        return _explicit(model_files.read_spec(path.resolve()))
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"MuJoCo cannot load {path.name}: {' '.join(str(error).split())}") from None
+
+
+def _explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """`spec`, changed in place so that its elements say what settings of the whole model say of them."""
+    _replace_total_mass(spec)
+    if spec.option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL):
+        for actuator in spec.actuators:
+            actuator.ctrllimited = int(mujoco.mjtLimited.mjLIMITED_FALSE)
+    return spec
 
 
 def _replace_total_mass(spec: mujoco.MjSpec) -> None:
@@ -58,8 +63,7 @@ def _replace_total_mass(spec: mujoco.MjSpec) -> None:
 
 def compile_variable(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Compile with the constant-inertia shortcuts off, so that masses and frames may vary per simulation."""
-    spec = spec.copy()
-    _replace_total_mass(spec)
+    spec = _explicit(spec.copy())
     for body in spec.bodies[1:]:
         body.simple = False
     try:
@@ -110,6 +114,16 @@ def is_joint_transmission(model: mujoco.MjModel, actuator: int) -> bool:
     return is_scalar(model, int(model.actuator_trnid[actuator, 0]))
 
 
+def has_plain_law(model: mujoco.MjModel, a: int) -> bool:
+    """Whether an actuator's force is a function of its command and of its joint's position and velocity."""
+    no_state = model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
+    fixed = model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+    bias = model.actuator_biastype[a]
+    linear = bias == mujoco.mjtBias.mjBIAS_NONE or bias == mujoco.mjtBias.mjBIAS_AFFINE
+    at_once = model.actuator_delay[a] == 0 and model.actuator_plugin[a] < 0
+    return bool(no_state and fixed and linear and at_once and is_joint_transmission(model, a))
+
+
 def is_scalar(model: mujoco.MjModel, joint: int) -> bool:
     """Whether a joint is a hinge or a slide."""
     return int(model.jnt_type[joint]) in (_HINGE, _SLIDE)
@@ -120,17 +134,25 @@ def scalar_joints(model: mujoco.MjModel) -> list[int]:
     return [j for j in range(model.njnt) if is_scalar(model, j)]
 
 
-def floating_base_joints(model: mujoco.MjModel) -> set[int]:
-    """Joints that place a floating base in the world: free joints, and three or more joints on one root body.
+def qpos_columns(model: mujoco.MjModel, joint: int) -> tuple[int, int]:
+    """First column of a joint in qpos, and the one after its last."""
+    end = int(model.jnt_qposadr[joint + 1]) if joint + 1 < model.njnt else model.nq
+    return int(model.jnt_qposadr[joint]), end
 
-    They stand for no machine part, so joint effects are not looked for there.
+
+def floating_base_joints(model: mujoco.MjModel) -> set[int]:
+    """Joints that place a floating base in the world: free joints, and three or more joints on one root body of which
+    no actuator drives one (a gantry's, a gimbal's or a shoulder's are driven).
+
+    They stand for no machine part, so effects of drives and bearings are not looked for there.
     """
+    driven = {int(model.actuator_trnid[a, 0]) for a in range(model.nu) if is_joint_transmission(model, a)}
     base: set[int] = set()
     for body in range(1, model.nbody):
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         joints = set(range(first, first + count)) if count else set()
         if any(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE for j in joints) or (
-            count >= 3 and model.body_parentid[body] == 0
+            count >= 3 and model.body_parentid[body] == 0 and not joints & driven
         ):
             base |= joints
     return base

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.locate import locate
 from mpge_jax.diagnosis.model import is_joint_transmission
 from mpge_jax.diagnosis.parameters import candidates_of, number, parameters
+from mpge_jax.diagnosis.verdict import errors
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis
@@ -44,7 +46,7 @@ def diagnosis_table(d: Diagnosis) -> dict[str, Any]:
             {
                 "id": r.term.name,
                 "at": r.term.place.name,
-                "held_out": number(r.margin),
+                "held_out": _held_out(d, r.fit),
                 "why_not": r.why_not,
             }
             for r in d.rivals.get(term, [])[:5]
@@ -79,6 +81,15 @@ def diagnosis_table(d: Diagnosis) -> dict[str, Any]:
         "seed": d.config.seed,
         "versions": _versions(),
     }
+
+
+def _held_out(d: Diagnosis, f: Fitted) -> float | None:
+    """Held-out error of another fit, to stand beside the chosen one's; null where that is an error of forces and `f`
+    does not let them be computed."""
+    if not motion_is_given(d):
+        return number(errors(d.prepared.sim, f, d.held.windows).rms)
+    other = replace(d, fit=f)
+    return number(force_errors(other, held=True).after) if motion_is_given(other) else None
 
 
 def _fit(d: Diagnosis, held: bool) -> dict[str, Any]:

@@ -7,20 +7,22 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.activations import settling
 from mpge_jax.diagnosis.candidates import all_terms
-from mpge_jax.diagnosis.checks import check_commands, check_copies, check_model, check_motion
+from mpge_jax.diagnosis.checks import check_commands, check_copies, check_forces, check_model, check_motion
 from mpge_jax.diagnosis.clock import at_their_stamps
-from mpge_jax.diagnosis.coarse import bound, is_coarse, states_as_measured
+from mpge_jax.diagnosis.coarse import as_large_as_motion, bound, holds_states, is_coarse, states_as_measured
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.context import build_context
 from mpge_jax.diagnosis.effects.base import Context
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.model import Names, compile_variable, is_joint_transmission, load_spec, names_of
+from mpge_jax.diagnosis.model import Names, compile_variable, has_plain_law, load_spec, names_of
+from mpge_jax.diagnosis.noise import MIN_ROWS
 from mpge_jax.diagnosis.recording import Recording, rows_of
 from mpge_jax.diagnosis.simulate import Simulator
 from mpge_jax.diagnosis.split import split
 from mpge_jax.diagnosis.states import MAX_ROWS, Noise, States, estimate
-from mpge_jax.diagnosis.windows import Source, Windows, choose_dt, cut, settling
+from mpge_jax.diagnosis.windows import Source, Windows, choose_dt, cut
 
 SPARSE = 0.2
 """Time between rows, over the length of a window, beyond which windows last whole rows."""
@@ -139,16 +141,6 @@ def is_servo(plain: mujoco.MjModel, a: int) -> bool:
     return bool(plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and has_plain_law(plain, a))
 
 
-def has_plain_law(plain: mujoco.MjModel, a: int) -> bool:
-    """Whether an actuator's force is a function of its command and of its joint's position and velocity."""
-    no_state = plain.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
-    fixed = plain.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
-    bias = plain.actuator_biastype[a]
-    linear = bias == mujoco.mjtBias.mjBIAS_NONE or bias == mujoco.mjtBias.mjBIAS_AFFINE
-    at_once = plain.actuator_delay[a] == 0 and plain.actuator_plugin[a] < 0
-    return bool(no_state and fixed and linear and at_once and is_joint_transmission(plain, a))
-
-
 def plain_force(plain: mujoco.MjModel, a: int, ctrl: np.ndarray, states: States) -> np.ndarray:
     """Force [T] that the model expects of actuator `a` (see `has_plain_law`) under commands [T, nu] in given states."""
     u = ctrl[:, a]
@@ -239,6 +231,7 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     check_copies(train, held, warnings)
     measured = measured_forces(recordings, plain)
     check_commands(recordings, measured, names)
+    check_forces(recordings, measured, names, warnings)
     model = compile_variable(drive_by_force(spec, measured))
     train, held = _thin(train, warnings), _thin(held, warnings)
     recorded = train + held
@@ -251,7 +244,11 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     ctx = build_context(model, names, train_sources)
     dt = choose_dt(together, float(plain.opt.timestep))
     sim = Simulator(model, ctx, threads=config.jobs)
-    if is_coarse(together, model, noise):
+    short, estimated = max(r.time.size for r in together) < MIN_ROWS, noise
+    whole = short and holds_states(together, model, noise)
+    if whole:
+        noise = as_large_as_motion(together, noise)
+    if whole or is_coarse(together, model, noise):
         terms = [t for t in all_terms(ctx, config.effects) if not t.effect.senses]
         noise = bound(sim, train_sources, noise, terms, dt, config.seed)
         if noise.direct:
@@ -260,6 +257,9 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
             train_sources, held_sources = sources[: len(train)], sources[len(train) :]
             ctx = build_context(model, names, train_sources)
             sim = Simulator(model, ctx, threads=config.jobs)
+    if short and not noise.direct:
+        noise = estimated
+        warnings.append("recordings are too short to estimate noise; they are taken as nearly noise-free.")
     check_motion(together, model, names, noise, warnings)
     check_model(plain, names, warnings)
     return Prepared(

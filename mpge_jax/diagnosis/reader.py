@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 import mujoco
@@ -12,7 +12,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.csv_table import MAX_VALUES, read_table
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.mapping import apply, csv_places
+from mpge_jax.diagnosis.mapping import apply, csv_places, sources
 from mpge_jax.diagnosis.model import Names
 from mpge_jax.diagnosis.recording import Recording, chain_transitions, validate
 
@@ -59,8 +59,14 @@ def _check_size(path: Path, key: str, size: int) -> None:
         raise InputError(f"{path.name}: '{key}' has {size} values; cut the recording into parts.")
 
 
-def read_csv(path: Path, model: mujoco.MjModel, names: Names) -> dict[str, np.ndarray]:
-    """Columns `time`, `qpos:JOINT`, `qvel:JOINT`, `ctrl:ACTUATOR`, `actuator_force:ACTUATOR` of a CSV file."""
+def read_csv(
+    path: Path, model: mujoco.MjModel, names: Names, renamed: Collection[str] = ()
+) -> dict[str, np.ndarray]:
+    """Columns `time`, `qpos:JOINT`, `qvel:JOINT`, `ctrl:ACTUATOR`, `actuator_force:ACTUATOR` of a CSV file.
+
+    A joint with several numbers has one column for each: `qpos:root:0` to `qpos:root:6`, `qvel:root:0` to
+    `qvel:root:5`. Titles that are `renamed` by a map are left to it.
+    """
     header, table = read_table(path, lambda title: title.partition(":")[0] in _KEYS)
     out = {"qpos": np.full((len(table), model.nq), np.nan)}
     places = csv_places(model, names)
@@ -69,7 +75,7 @@ def read_csv(path: Path, model: mujoco.MjModel, names: Names) -> dict[str, np.nd
             out["time"] = table[:, column]
             continue
         key, _, rest = title.partition(":")
-        if key not in _KEYS:
+        if key not in _KEYS or title in renamed:
             continue
         if (key, rest) not in places:
             known = ", ".join(n for k, n in places if k == key)
@@ -84,7 +90,8 @@ def read_recording(
     path: Path, model: mujoco.MjModel, names: Names, columns: Mapping[str, object] | None = None
 ) -> Recording:
     """Read and check one file. `columns` renames and converts (see `mapping.apply`)."""
-    data = read_csv(path, model, names) if path.suffix.lower() == ".csv" else read_npz(path)
+    renamed = sources(columns or {})
+    data = read_csv(path, model, names, renamed) if path.suffix.lower() == ".csv" else read_npz(path)
     if columns:
         data = apply(path, data, columns, model, names)
     for key in ("time", "qpos"):
@@ -136,12 +143,8 @@ def find_files(paths: Iterable[str | Path]) -> list[Path]:
             files.append(entry)
         else:
             raise InputError(f"the recording {entry} does not exist.")
-    unique = list(dict.fromkeys(p.resolve() for p in files))
-    stems = [p.stem for p in unique]
-    twice = next((s for s in stems if stems.count(s) > 1), None)
-    if twice is not None:
-        raise InputError(f"two recordings have the name '{twice}'; rename one of them.")
-    return unique
+    # a link keeps its own name, which may say that it is held out
+    return [p for i, p in enumerate(files) if p.resolve() not in {q.resolve() for q in files[:i]}]
 
 
 def load_recordings(

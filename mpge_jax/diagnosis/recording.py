@@ -8,9 +8,12 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.model import Names, is_scalar
+from mpge_jax.diagnosis.model import Names, is_scalar, qpos_columns
 
 Array = np.ndarray
+WRAP = 1.6 * np.pi
+"""Least jump (rad) of an angle from one row to the next that is taken for a full turn, where all others are far
+smaller."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +67,7 @@ def rows_of(r: Recording, rows: slice, name: str) -> Recording:
 def _column_name(model: mujoco.MjModel, names: Names, key: str, column: int) -> str:
     if key == "qpos":
         for j in range(model.njnt):
-            start = int(model.jnt_qposadr[j])
-            end = int(model.jnt_qposadr[j + 1]) if j + 1 < model.njnt else model.nq
+            start, end = qpos_columns(model, j)
             if start <= column < end:
                 return names.joints[j]
     if key == "qvel":
@@ -122,7 +124,8 @@ def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recor
                 "'actuator_force' is NaN throughout; record one of the two."
             )
     notes = list(_warnings(recording, model, names))
-    return replace(_unit_quaternions(recording, model), warnings=(*recording.warnings, *notes))
+    recording, wrapped = _unwrapped(_unit_quaternions(recording, model), model, names)
+    return replace(recording, warnings=(*recording.warnings, *notes, *wrapped))
 
 
 def _check_finite(
@@ -184,6 +187,26 @@ def _unit_quaternions(recording: Recording, model: mujoco.MjModel) -> Recording:
         quat[1:] *= flip[:, None]
         qpos[:, start : start + 4] = quat
     return replace(recording, qpos=qpos)
+
+
+def _unwrapped(recording: Recording, model: mujoco.MjModel, names: Names) -> tuple[Recording, list[str]]:
+    """The recording without the full turns by which the angles of unlimited hinges jump where an encoder wraps."""
+    qpos, notes = recording.qpos.copy(), []
+    for j in range(model.njnt):
+        if model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE or model.jnt_limited[j]:
+            continue
+        value = qpos[:, model.jnt_qposadr[j]]
+        steps = np.abs(np.diff(value))
+        jumps = steps > WRAP
+        if np.isnan(value).any() or not jumps.any() or steps[~jumps].max(initial=0.0) > WRAP / 3:
+            continue
+        if np.ptp(value) > 2.01 * np.pi or (np.abs(steps[jumps] - 2 * np.pi) > 2 * np.pi - WRAP).any():
+            continue
+        qpos[:, model.jnt_qposadr[j]] = np.unwrap(value)
+        notes.append(
+            f"{recording.name}: the angle of {names.joints[j]} wraps at a full turn; it was made continuous."
+        )
+    return replace(recording, qpos=qpos), notes
 
 
 def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list[str]:

@@ -11,8 +11,11 @@ from mpge_jax.diagnosis.verdict import active_dofs, excess_by_dof
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.prepare import Prepared
     from mpge_jax.diagnosis.select import Scored, Search
+    from mpge_jax.diagnosis.whiten import Whitener
 
 Array = np.ndarray
+ELSEWHERE = 3.0
+"""By how much more force must be missing at a floating base than at any joint for its body to be the place."""
 
 
 def _rank_correlation(a: Array, b: Array) -> float:
@@ -22,19 +25,23 @@ def _rank_correlation(a: Array, b: Array) -> float:
     return float(np.corrcoef(ra, rb)[0, 1])
 
 
-def describe(p: Prepared, s: Search, best: Scored, ratio: Array, share: float) -> dict[str, Any]:
+def describe(
+    p: Prepared, s: Search, best: Scored, whites: tuple[Whitener, Whitener], share: float
+) -> dict[str, Any]:
     """The `unexplained` entry of a diagnosis.
 
     Args:
-        ratio: [nv] missing force per degree of freedom, in units of what noise explains, on held-out windows.
-        share: share of the held-out squared error that remains.
+        whites: whiteners of training and held-out windows. share: share of the held-out squared error that remains.
     """
-    white = s.whiten(best.fit, temper=False)[0]
-    train_ratio, force = excess_by_dof(s.sim, best.fit, s.train, white)
-    total = ratio + train_ratio
+    ratio, force = excess_by_dof(s.sim, best.fit, s.train, whites[0])
+    total = ratio + excess_by_dof(s.sim, best.fit, s.held, whites[1])[0]
     dofs = active_dofs(p.model) or list(range(p.model.nv))
+    base = [d for d in range(p.model.nv) if d not in dofs]
     order = sorted(dofs, key=lambda d: -total[d])
     at = [p.names.joint_of_dof(p.model, d) for d in order if total[d] > 0.5 * total[order[0]]][:2]
+    if base and total[base].max() > ELSEWHERE * total[order[0]]:
+        order = [base[int(np.argmax(total[base]))]]
+        at = [p.names.bodies[int(p.model.dof_bodyid[order[0]])]]
     w, worst = s.train, order[0]
     joint = int(p.model.dof_jntid[worst])
     size = np.abs(force[:, worst])

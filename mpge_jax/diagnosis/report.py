@@ -49,6 +49,10 @@ def _image(path: Path, alt: str) -> str:
     return f'<img alt="{escape(alt, quote=True)}" src="data:image/png;base64,{data}">'
 
 
+def _number(value: float | None, unit: str = "") -> str:
+    return "unknown" if value is None else escape(f"{value:.3g} {unit}".rstrip())
+
+
 def _table(head: list[str], rows: list[list[str]]) -> str:
     top = "".join(f"<th>{escape(h)}</th>" for h in head)
     body = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in rows)
@@ -167,14 +171,13 @@ def _predicted(d: Diagnosis, table: dict[str, Any]) -> str:
 def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:
     """The whole page; everything that comes from the model or the recordings is escaped."""
     held = table["fit"]["held_out"]
-    unit = escape(table["fit"]["unit"])
     first, _, rest = table["explanation"].partition(". ")
     lead = first if first.endswith(".") else first + "."
+    before, after, floor = (
+        _number(held[k], table["fit"]["unit"]) for k in ("before", "after", "noise_floor")
+    )
     gain = held["before"] / held["after"] if held["before"] and held["after"] else 1.0
-    joints = [
-        [escape(name), f"{a:.3g}" if a is not None else "", f"{b:.3g}" if b is not None else ""]
-        for name, (a, b) in held["per_joint"].items()
-    ]
+    joints = [[escape(name), _number(a), _number(b)] for name, (a, b) in held["per_joint"].items()]
     warnings = "".join(f"<li>{escape(w)}</li>" for w in table["warnings"])
     versions = ", ".join(f"{escape(k)} {escape(v)}" for k, v in table["versions"].items())
     return f"""<!DOCTYPE html>
@@ -183,10 +186,10 @@ def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:
 <h1>Mismatch diagnosis <span class="badge {table["verdict"]}">{_WORDS[table["verdict"]]}</span></h1>
 <p class="lead">{escape(lead)}</p><p>{escape(rest)}</p>
 <div class="row"><div>{_image(figures["robot"], "the machine with the place marked")}</div>
-<div><h2>On recordings it never saw</h2><div class="numbers"><div><b>{held["before"]:.3g} {unit}</b>model as given</div>
-<div><b>{held["after"]:.3g} {unit}</b>corrected model</div><div><b>{gain:.1f} &times;</b>smaller error</div></div>
+<div><h2>On recordings it never saw</h2><div class="numbers"><div><b>{before}</b>model as given</div>
+<div><b>{after}</b>corrected model</div><div><b>{gain:.1f} &times;</b>smaller error</div></div>
 <p class="quiet">Root-mean-square error of {_predicted(d, table)}, over {len(held["recordings"])} held-out
-{"recording" if len(held["recordings"]) == 1 else "recordings"}. Noise alone gives {held["noise_floor"]:.2g} {unit}.</p>
+{"recording" if len(held["recordings"]) == 1 else "recordings"}. Noise alone gives {floor}.</p>
 {_table(["joint", "as given", "corrected"], joints)}</div></div>
 {_effects(table)}{_drives(d)}{_ambiguous(table)}{_unexplained(table)}
 <h2>Prediction against measurement</h2>{_image(figures["prediction"], "held-out motion, predicted before and after")}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.dense import AFTER, everywhere
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
@@ -10,6 +12,8 @@ from mpge_jax.diagnosis.select import Scored, Search, with_simpler
 
 FAR = 2.5
 """Loss above which the second effect is looked for beside several first ones."""
+REST = 1.5
+"""What a last round, the weighing of alternatives and the report take, in rounds that found an effect."""
 
 
 def search(s: Search) -> tuple[Fitted, list[Scored]]:
@@ -17,9 +21,11 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
     current = s.resume or NOTHING
     last: list[Scored] = []
     first_round: list[Scored] = []
+    began, rounds = time.monotonic(), 0
     while s.terms and len(current.hypothesis.terms) < s.max_terms:
         depth = len(current.hypothesis.terms)
-        s.say(f"looking for effect {depth + 1}")
+        s.say(f"looking for effect {depth + 1}{_time_left(began, rounds)}")
+        rounds += 1
         ranked, base = s.compete(current, s.terms)
         current = base.fit
         if not ranked:
@@ -49,6 +55,14 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
             current = everywhere(s, current)
         s.keep(current)
     return current, last or first_round
+
+
+def _time_left(began: float, rounds: int) -> str:
+    """How long it takes if no further effect is found, judged by the rounds so far."""
+    if not rounds:
+        return ""
+    seconds = REST * (time.monotonic() - began) / rounds
+    return f" (if there is none, about {seconds:.0f} s are left)"
 
 
 def _beam(ranked: list[Scored], chosen: Scored, width: int = 3) -> list[Scored]:

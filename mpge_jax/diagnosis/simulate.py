@@ -12,10 +12,11 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from mpge_jax.diagnosis.effects.base import Context, Fields, Step
+from mpge_jax.diagnosis.effects.base import Context, Fields
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.model import is_joint_transmission, is_scalar
+from mpge_jax.diagnosis.model import is_scalar
 from mpge_jax.diagnosis.rotations import difference, integrate
+from mpge_jax.diagnosis.runtime import Group, Runtime
 from mpge_jax.diagnosis.windows import Windows, hermite
 
 Array = np.ndarray
@@ -73,16 +74,6 @@ def quiet() -> Iterator[None]:
 
 
 @dataclass
-class _Group:
-    """Simulations on which one runtime effect acts."""
-
-    term: Term
-    rows: Array
-    theta: Array
-    memory: Any = None
-
-
-@dataclass
 class Simulator:
     """Predicts windows. `steps` counts simulated steps."""
 
@@ -94,8 +85,6 @@ class Simulator:
     def __post_init__(self) -> None:
         self.model = _without_autoreset(self.model)
         self.ctx = replace(self.ctx, model=self.model)
-        m = self.model
-        self._joint_drive = np.array([is_joint_transmission(m, a) for a in range(m.nu)], dtype=bool)
 
     @contextmanager
     def integrator(self, kind: mujoco.mjtIntegrator) -> Iterator[None]:
@@ -138,17 +127,17 @@ class Simulator:
             self.model.opt.timestep = dt
         return self.model
 
-    def _groups(self, runs: list[Run], rows_of: Array) -> list[_Group]:
+    def _groups(self, runs: list[Run], rows_of: Array) -> list[Group]:
         table: dict[Term, tuple[list[Array], list[Array]]] = {}
         for run, rows in zip(runs, rows_of, strict=True):
             for term, theta in run.hypothesis.split(self.ctx, run.theta).items():
                 lists = table.setdefault(term, ([], []))
                 lists[0].append(rows)
                 lists[1].append(np.tile(theta, (rows.size, 1)))
-        groups = [_Group(t, np.concatenate(r), np.concatenate(p)) for t, (r, p) in table.items()]
+        groups = [Group(t, np.concatenate(r), np.concatenate(p)) for t, (r, p) in table.items()]
         return sorted(groups, key=lambda g: g.term.effect.order)
 
-    def _apply_models(self, batch: Batch, groups: list[_Group]) -> None:
+    def _apply_models(self, batch: Batch, groups: list[Group]) -> None:
         derived = []
         for g in groups:
             g.term.effect.model(BatchFields(batch, g.rows), self.ctx, g.term.place, g.theta)
@@ -157,7 +146,7 @@ class Simulator:
         if derived:
             batch.set_const(np.unique(np.concatenate(derived)))
 
-    def _senses(self, groups: list[_Group], n: int) -> tuple[Array, Array]:
+    def _senses(self, groups: list[Group], n: int) -> tuple[Array, Array]:
         offset, delay = np.zeros((n, self.model.nv)), np.zeros((n, self.model.nv))
         for g in groups:
             if g.term.effect.senses:
@@ -188,7 +177,7 @@ class Simulator:
                 v0[rows] += run.shift[:, m.nv :]
         return integrate(m, q0, move), v0
 
-    def _commands(self, groups: list[_Group], w: Windows, window: Array) -> dict[int, tuple[Array, Array]]:
+    def _commands(self, groups: list[Group], w: Windows, window: Array) -> dict[int, tuple[Array, Array]]:
         """Changed command timelines: actuator -> (rows, [rows, K])."""
         out: dict[int, dict[int, Array]] = {}
         for g in groups:
@@ -210,7 +199,7 @@ class Simulator:
     def _roll(
         self,
         batch: Batch,
-        groups: list[_Group],
+        groups: list[Group],
         runs: list[Run],
         rows_of: Array,
         commands: dict[int, tuple[Array, Array]],
@@ -227,7 +216,7 @@ class Simulator:
             if run.push is not None:
                 push[rows, run.push[0]] += run.push[1]
         runtime = [g for g in groups if g.term.effect.runtime]
-        engine = _Runtime(self, batch, runtime, push, w.dt) if runtime or push.any() else None
+        engine = Runtime(self.model, self.ctx, batch, runtime, push, w.dt) if runtime or push.any() else None
         q_all, v_all = np.empty((steps + 1, n, m.nq)), np.empty((steps + 1, n, m.nv))
         q_all[0], v_all[0] = qpos, qvel
         for k in range(steps):
@@ -269,137 +258,6 @@ class Simulator:
                 value = np.where(before, 0.0, out[rows, :, k] * weight[:, None])
                 out[rows, :, k] = np.where(np.isfinite(out[rows, :, k]), value, np.nan)
         return out
-
-
-class _Runtime:
-    """Effects whose forces are computed each step, vectorised over the simulations on which they act."""
-
-    def __init__(self, sim: Simulator, batch: Batch, groups: list[_Group], push: Array, dt: float) -> None:
-        self.sim, self.batch, self.groups, self.push, self.dt = sim, batch, groups, push, dt
-        m = sim.model
-        self.qfrc = batch.bind("qfrc_applied")
-        self.xfrc = batch.bind("xfrc_applied")
-        self.dry_base = None
-        if any("dof_frictionloss" in g.term.effect.fields for g in groups):
-            self.dry = batch.expand("dof_frictionloss")
-            self.dry_base = self.dry.copy()
-        self.bodies = any(
-            g.term.effect.id == "quadratic_drag" and g.term.place.kind == "body" for g in groups
-        )
-        if self.bodies or any(g.term.place.kind == "body" for g in groups):
-            self.cvel, self.xipos, self.com = (batch.bind(k) for k in ("cvel", "xipos", "subtree_com"))
-            self.bodies = True
-        self.loaded = any(g.term.id == "load_dependent_friction:gear" for g in groups)
-        self.loads = batch.bind("qfrc_bias") if self.loaded else np.zeros((0, 0))
-        self.gain = _expanded(batch, m, "actuator_gainprm")
-        self.bias = _expanded(batch, m, "actuator_biasprm")
-        self.range = _expanded(batch, m, "actuator_forcerange").copy()
-        limited = _expanded(batch, m, "actuator_forcelimited").astype(bool)
-        self.range[~np.broadcast_to(limited, self.range.shape[:-1])] = [-1e12, 1e12]
-        self.affine = m.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
-        self.affine_rows = _expanded(batch, m, "actuator_biastype") == int(mujoco.mjtBias.mjBIAS_AFFINE)
-        self.formula = sim._joint_drive & (m.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
-        self.formula &= np.isin(
-            m.actuator_biastype, [int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)]
-        )
-        self.formula &= m.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE
-        self.last_force = batch.bind("actuator_force") if m.nu and not self.formula.all() else None
-        joints = m.actuator_trnid[:, 0] if m.nu else np.zeros(0, int)
-        self.qadr = np.where(self.formula, m.jnt_qposadr[np.clip(joints, 0, m.njnt - 1)], 0)
-        self.dadr = np.where(self.formula, m.jnt_dofadr[np.clip(joints, 0, m.njnt - 1)], 0)
-        self.gear = m.actuator_gear[:, 0] if m.nu else np.zeros(0)
-
-    def _step(self) -> Step:
-        m, b = self.sim.model, self.batch
-        q, v = b.bind("qpos"), b.bind("qvel")
-        if not m.nu:
-            empty = np.zeros((q.shape[0], 0))
-            return Step(q, v, empty, empty, empty, empty, empty, empty, empty, self._body_velocity, self.dt)
-        u = b.bind("ctrl")
-        low = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 0], -np.inf)
-        high = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 1], np.inf)
-        length, speed = self.gear * q[:, self.qadr], self.gear * v[:, self.dadr]
-        bias = np.where(self.affine_rows[..., None], self.bias, 0.0)
-        free = (
-            self.gain[..., 0] * np.clip(u, low, high)
-            + bias[..., 0]
-            + bias[..., 1] * length
-            + bias[..., 2] * speed
-        )
-        f = np.clip(free, self.range[..., 0], self.range[..., 1])
-        if self.last_force is not None:
-            free = np.where(self.formula, free, self.last_force)
-            f = np.where(self.formula, f, self.last_force)
-        shape = f.shape
-        low, high, stiffness, damping = (
-            np.broadcast_to(x, shape)
-            for x in (self.range[..., 0], self.range[..., 1], bias[..., 1], bias[..., 2])
-        )
-        velocity, external = self._body_velocity, self._external
-        return Step(q, v, u, f, free, low, high, stiffness, damping, velocity, self.dt, external)
-
-    def _external(self, dof: int) -> Array:
-        """Torque of gravity and of the other links' motion on a joint, one substep behind."""
-        return -self.loads[:, dof]
-
-    def _body_velocity(self, body: int) -> Array:
-        """World velocity of the centre of mass, one substep behind."""
-        root = int(self.sim.model.body_rootid[body])
-        arm = self.xipos[:, body] - self.com[:, root]
-        return self.cvel[:, body, 3:] + np.cross(self.cvel[:, body, :3], arm)
-
-    def apply(self, first: bool) -> None:
-        m = self.sim.model
-        if first and (self.bodies or self.loaded or self.last_force is not None):
-            self.batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_ACC))
-        s = self._step()
-        self.qfrc[:] = self.push
-        if self.bodies:
-            self.xfrc[:] = 0.0
-        if self.dry_base is not None:
-            self.dry[:] = self.dry_base
-        for g in self.groups:
-            effect, place, rows = g.term.effect, g.term.place, g.rows
-            part = _rows(s, rows)
-            if first:
-                g.memory = effect.memory(np, self.sim.ctx, place, g.theta, part)
-            forces, g.memory = effect.force(np, self.sim.ctx, place, g.theta, part, g.memory)
-            if forces.joint is not None:
-                self.qfrc[rows, self.sim.ctx.dof(place)] += forces.joint
-            if forces.dry is not None:
-                self.dry[rows, self.sim.ctx.dof(place)] += forces.dry
-            if forces.body is not None:
-                self.xfrc[rows, place.index, :3] += forces.body
-            if forces.actuator is not None:
-                a = place.index
-                if self.sim._joint_drive[a]:
-                    dof = int(m.jnt_dofadr[m.actuator_trnid[a, 0]])
-                    self.qfrc[rows, dof] += self.gear[a] * forces.actuator
-                else:
-                    self.batch.bind("ctrl")[rows, a] += forces.actuator / m.actuator_gainprm[a, 0]
-
-
-def _rows(s: Step, rows: Array) -> Step:
-    return Step(
-        s.q[rows],
-        s.v[rows],
-        s.u[rows],
-        s.f[rows],
-        s.f_free[rows],
-        s.force_low[rows],
-        s.force_high[rows],
-        s.f_position[rows],
-        s.f_velocity[rows],
-        lambda body: s.body_velocity(body)[rows],
-        s.dt,
-        lambda dof: s.external(dof)[rows],
-    )
-
-
-def _expanded(batch: Batch, model: mujoco.MjModel, name: str) -> Array:
-    """Per-simulation values [n, ...] of a field, or the shared ones [1, ...]."""
-    value = batch.expanded(name)
-    return np.array(value) if value is not None else np.array(getattr(model, name))[None]
 
 
 def _sample(m: mujoco.MjModel, q: Array, v: Array, times: Array, dt: float) -> tuple[Array, Array]:

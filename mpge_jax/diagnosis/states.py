@@ -9,7 +9,7 @@ import numpy as np
 
 from mpge_jax.diagnosis import velocities
 from mpge_jax.diagnosis.model import Names, is_scalar
-from mpge_jax.diagnosis.noise import MIN_ROWS, column_noise
+from mpge_jax.diagnosis.noise import column_noise
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.smooth import Series, smooth
 
@@ -94,8 +94,6 @@ def estimate(
             qvel_noise[d] = level
         elif any(not np.isnan(v[:, d]).all() for _, v in with_velocity):
             qvel_noise[d] = SIGMA_VELOCITY_FLOOR
-    if max((r.time.size for r in recordings), default=0) < MIN_ROWS:
-        warnings.append("recordings are too short to estimate noise; they are taken as nearly noise-free.")
     qpos_noise = np.maximum(np.nan_to_num(qpos_noise, nan=SIGMA_FLOOR), SIGMA_FLOOR)
     qvel_noise = np.maximum(qvel_noise, SIGMA_VELOCITY_FLOOR)
     dofs = _dof_of_column(model)
@@ -136,7 +134,9 @@ def _smooth_all(
             usable = np.isfinite(noise.qvel[dof]) and not np.isnan(measured_v[:, dof]).all()
             if rows < 4:
                 cov[:, dof, 0, 0] = noise.qpos[column] ** 2
-                if not usable:
+                if usable:
+                    states[i].qacc[:, dof] = np.gradient(measured_v[:, dof], r.time)
+                else:
                     states[i].qvel[:, dof] = np.gradient(r.qpos[:, column], r.time)
                 continue
             series.append(

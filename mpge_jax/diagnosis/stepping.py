@@ -11,7 +11,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Array, Context, Fields, Step
 from mpge_jax.diagnosis.effects.native import field_of
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import is_joint_transmission
+from mpge_jax.diagnosis.model import has_plain_law, is_joint_transmission
 
 
 class ModelFields(Fields):
@@ -108,12 +108,7 @@ def observe(
     if not model.nu:
         none = xp.zeros(0)
         return Step(q, v, none, none, none, none, none, none, none, body_velocity, dt)
-    direct = np.array([is_joint_transmission(model, a) for a in range(model.nu)])
-    plain = direct & (model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED))
-    kinds = [int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)]
-    plain &= np.isin(model.actuator_biastype, kinds) & (
-        model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_NONE)
-    )
+    plain = np.array([has_plain_law(model, a) for a in range(model.nu)])
     joint = np.where(plain, np.clip(model.actuator_trnid[:, 0], 0, model.njnt - 1), 0)
     gear = model.actuator_gear[:, 0]
     limited = model.actuator_ctrllimited.astype(bool)

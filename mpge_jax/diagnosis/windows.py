@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.activations import activation, settling
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.states import Noise, States
 
 Array = np.ndarray
-UNSETTLED = 0.2
-"""Share of a recording that may be left out because filters still hold what came before it."""
 HISTORY = 0.3
 """Seconds of commands kept before a window, for delays and lags."""
 
@@ -171,16 +170,6 @@ def roughness(recording: Recording) -> Array:
     return out
 
 
-def settling(source: Source, model: mujoco.MjModel) -> float:
-    """Seconds at the start of a recording in which the actuators' filters and delays still hold what was commanded
-    before."""
-    if source.activation is not None:
-        return 0.0
-    late = 0.0 if source.late is None else float(np.max(source.late, initial=0.0))
-    longest = late + 5.0 * float(time_constants(model).max(initial=0.0))
-    return min(longest, UNSETTLED * source.recording.duration)
-
-
 def _spans(recording: Recording, duration: float, skip: float = 0.0) -> list[tuple[int, int]]:
     """Non-overlapping (first row, last row) of at most `duration` seconds without gaps, after the first `skip` seconds.
 
@@ -277,42 +266,3 @@ def _cholesky(cov: Array) -> Array:
     out = np.zeros_like(cov)
     out[:, 0, 0], out[:, 1, 0], out[:, 1, 1] = a, b, c
     return out
-
-
-def time_constants(model: mujoco.MjModel) -> Array:
-    """Time constants [nu] (s) of the model's own filters and muscles; 0 elsewhere."""
-    kind, prm = model.actuator_dyntype, model.actuator_dynprm
-    filters = np.isin(kind, (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT)))
-    muscles = kind == int(mujoco.mjtDyn.mjDYN_MUSCLE)
-    # a muscle's depend on its activation, up to twice its parameters
-    return np.where(filters, np.maximum(prm[:, 0], 1e-6), np.where(muscles, 2.0 * prm[:, :2].max(1), 0.0))
-
-
-def activation(model: mujoco.MjModel, source: Source, row: int) -> Array:
-    """Activations of the nominal model's own filters at a row, from the commands before it."""
-    act, taus = np.zeros(model.na), time_constants(model)
-    t, dt = source.recording.time, float(model.opt.timestep)
-    for a in range(model.nu):
-        adr, tau = int(model.actuator_actadr[a]), float(taus[a])
-        if adr < 0:
-            continue
-        if tau > 0:
-            first = int(np.searchsorted(t, t[row] - 10 * tau))
-            muscle = model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_MUSCLE
-            before = source.activation if first == 0 else None
-            x = source.command[first, a] if before is None else before[adr]
-            for k in range(first, row):
-                u, step = source.command[k, a], t[k + 1] - t[k]
-                if muscle:
-                    parts = max(int(np.ceil(step / dt)), 1)
-                    for _ in range(parts):
-                        x += step / parts * mujoco.mju_muscleDynamics(u, x, model.actuator_dynprm[a, :3])
-                else:
-                    x = u + (x - u) * np.exp(-step / tau)
-            act[adr] = x
-        elif model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_INTEGRATOR:
-            x = 0.0 if source.activation is None else source.activation[adr]
-            for change in np.diff(source.integral[: row + 1, a]) if model.actuator_actlimited[a] else ():
-                x = float(np.clip(x + change, *model.actuator_actrange[a]))
-            act[adr] = x if model.actuator_actlimited[a] else x + source.integral[row, a]
-    return act

@@ -73,7 +73,7 @@ def explanation(d: Diagnosis) -> str:
         parts += d.actuators.sentences
     if d.unexplained is not None:
         where = " and ".join(d.unexplained["at"]) or "the machine"
-        known = "Beyond that, something" if d.terms else "Something"
+        known = "Beyond that, something" if parts else "Something"
         parts.append(
             f"{known} acts at the {where} that no known effect explains: {d.unexplained['when']}. It makes up "
             f"{100 * d.unexplained['share']:.0f} % of the squared prediction error."

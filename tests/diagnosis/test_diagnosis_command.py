@@ -16,7 +16,7 @@ import pytest
 from machines import PENDULUM, record
 
 from experiments.diagnose import main
-from mpge_jax.diagnosis import Config, InputError, diagnose, outputs
+from mpge_jax.diagnosis import Config, InputError, Recording, diagnose, outputs
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.export import write_models
 from mpge_jax.diagnosis.fit import NOTHING
@@ -189,7 +189,7 @@ def test_bad_input_ends_with_one_sentence_and_writes_nothing(folder, tmp_path, c
     arguments = {"--model": [str(folder / "model.xml")], "--recordings": [str(folder)], "--out": [str(out)]}
     arguments = change(arguments)
     assert main([x for k, v in arguments.items() for x in (k, *v)]) == 2
-    error = capsys.readouterr().err.strip().splitlines()[-1]
+    (error,) = capsys.readouterr().err.strip().splitlines()
     assert error.startswith("error: ") and message in error
     assert not out.exists()
 
@@ -232,6 +232,71 @@ def test_a_robot_that_never_moved_says_what_cannot_be_seen():
     d = diagnose(mujoco.MjSpec.from_string(PENDULUM), still, Config(jobs=1, effects=tuple(EFFECTS)))
     assert d.verdict == "none"
     assert any("never moved" in w for w in d.warnings)
+
+
+def _hum(model, data):
+    """A force that nothing but time sets."""
+    data.qfrc_applied[0] = 0.08 * np.sin(9.0 * data.time) * np.sin(2.3 * data.time)
+
+
+VERDICTS = {
+    "none": (PENDULUM, None, EFFECTS),
+    "unexplained": (PENDULUM, _hum, EFFECTS),
+    "ambiguous": (
+        PENDULUM.replace("<option", '<option gravity="0 0 0"'),
+        None,
+        ["coulomb_friction", "actuator_bias"],
+    ),
+}
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_is_written_in_the_same_form(verdict, tmp_path):
+    xml, force, effects = VERDICTS[verdict]
+    recordings = _turning_forwards(xml) if verdict == "ambiguous" else record(xml, 1.2, force=force)
+    d = diagnose(mujoco.MjSpec.from_string(xml), recordings, Config(jobs=1, effects=tuple(effects)))
+    d.write(tmp_path)
+    table = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert table["verdict"] == verdict
+    assert set(table) == {
+        "schema", "verdict", "effects", "ambiguous", "unexplained", "location", "fit", "explanation", "warnings",
+        "seed", "versions",
+    }  # fmt: skip
+    assert (table["unexplained"] is None) == (verdict != "unexplained")
+    if verdict == "unexplained":
+        u = table["unexplained"]
+        assert u["at"] == ["hinge"] and 0.5 < u["share"] <= 1.0 and u["when"]
+        assert {name for name, *_ in u["intervals"]} <= {r.name for r in recordings}
+        assert all(0.0 <= a < b <= 2.0 for _, a, b in u["intervals"])
+    if verdict == "ambiguous":
+        (entry,) = table["ambiguous"]
+        found = {(c["id"], c["at"]) for (c,) in entry["candidates"]}
+        assert found == {("coulomb_friction", "hinge"), ("actuator_bias", "motor")}
+        assert entry["experiment"] == "next_experiment.npz" and (tmp_path / "next_experiment.npz").is_file()
+    else:
+        assert table["ambiguous"] == [] and table["effects"] == []
+    page = (tmp_path / "report.html").read_text()
+    assert f'<span class="badge {verdict}">' in page and page.count("data:image/png") == 5
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "corrected.xml")).nv == 1
+
+
+def _turning_forwards(xml: str) -> list[Recording]:
+    """A machine with dry friction of 0.05 N m that never turns back."""
+    out, rng = [], np.random.default_rng(0)
+    for k in range(3):
+        model = mujoco.MjModel.from_xml_string(xml)
+        data, rows = mujoco.MjData(model), []
+        data.qvel[0] = 5.0
+        for i in range(201):
+            data.ctrl[0] = 0.2 + 0.1 * np.sin(0.2 * i + k)
+            rows.append((0.01 * i, data.qpos[0], data.ctrl[0]))
+            data.qfrc_applied[0] = -0.05
+            mujoco.mj_step(model, data, 5)
+        t, q, u = np.array(rows).T
+        out.append(
+            Recording(f"run_{k}", t, (q + 1e-4 * rng.standard_normal(q.size))[:, None], None, u[:, None])
+        )
+    return out
 
 
 def test_nothing_is_found_where_nothing_is_missing():

@@ -12,9 +12,9 @@ from machines import ARM, BOX, PENDULUM, record
 from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis import select as selection
 from mpge_jax.diagnosis.actuator_side import diagnose_actuators
+from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor
 from mpge_jax.diagnosis.coarse import is_coarse
-from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.effects.base import Param, Place
 from mpge_jax.diagnosis.evidence import deviations, rare, stand_out, strong
 from mpge_jax.diagnosis.finish import final_fit, prune, refined
@@ -41,7 +41,7 @@ def search_of(xml: str, recordings: list[Recording]):
     spec = mujoco.MjSpec.from_string(xml)
     plain = compile_variable(spec)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    return _build_search(p, lambda _text: None, p.config.decide_s), p
+    return build_search(p, lambda _text: None, p.config.decide_s), p
 
 
 def fitted(s, values: dict[Term, list[float]]) -> Fitted:

@@ -6,8 +6,8 @@ import pytest
 from machines import ARM, record
 
 from mpge_jax.diagnosis import Config
+from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.dense import everywhere
-from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.fit import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, names_of
@@ -22,7 +22,7 @@ def _search(change):
     plain = compile_variable(spec)
     recordings = record(ARM, [4.0, 0.8], change=change, count=4)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    return _build_search(p, lambda _text: None, p.config.decide_s)
+    return build_search(p, lambda _text: None, p.config.decide_s)
 
 
 def _fitted(s, theta: dict[str, float]) -> Fitted:

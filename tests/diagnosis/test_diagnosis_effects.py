@@ -239,10 +239,11 @@ def _exported(xml: str, parts: dict[str, tuple[str, list[float]]]) -> tuple[mujo
     return spec.compile(), Machine.build(ctx, tuple(terms), tuple(terms.values()))
 
 
-def test_exported_effects_add_up():
+@pytest.mark.parametrize("settings", ["", '<compiler inertiafromgeom="true"/>'])
+def test_exported_effects_add_up(settings):
     """Each effect is added to what the ones before it left, as in the machine on which they act together."""
     model, machine = _exported(
-        ARM,
+        ARM.replace("<option", f"{settings}<option"),
         {
             "mass_scale": ("world", [1.5]),
             "payload_mass": ("fore", [0.2, 0.0, 0.0, -0.25]),
@@ -253,7 +254,7 @@ def test_exported_effects_add_up():
             "actuator_bias": ("shoulder_motor", [0.3]),
         },
     )
-    assert model.body_mass[2] == pytest.approx(1.5 * 0.6 + 0.2)
+    assert model.body_mass[2] == pytest.approx(1.5 * machine.ctx.model.body_mass[2] + 0.2)
     for name in ("body_mass", "body_ipos", "body_inertia", "actuator_gainprm", "actuator_biasprm"):
         np.testing.assert_allclose(getattr(model, name), getattr(machine.model, name), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(model.opt.gravity, machine.model.opt.gravity, rtol=1e-12)

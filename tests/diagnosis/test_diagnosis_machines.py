@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
-from mpge_jax.diagnosis.diagnosis import _build_search
+from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
@@ -63,7 +63,7 @@ def test_the_encoders_of_the_held_out_session_of_c0_had_other_zeros():
     plain = compile_variable(spec)
     names = names_of(plain)
     p = prepare(spec, load_recordings([folder], plain, names, None), Config(jobs=os.cpu_count() or 1))
-    s = _build_search(p, lambda _text: None, p.config.decide_s)
+    s = build_search(p, lambda _text: None, p.config.decide_s)
     wanted = ("armature", "coulomb_friction", "encoder_offset")
     terms = [t for t in s.terms if t.id in wanted]
     windows = p.windows(True, p.config.report_s, 60, seed=1)

@@ -1,5 +1,7 @@
 """Machines driven by the forces that were measured on them: what happens between rows, and what noise does to them."""
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,8 +9,8 @@ from machines import excitation
 
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.actuator_side import diagnose_actuators
+from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
-from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, names_of
@@ -68,7 +70,7 @@ def _search(recordings: list[Recording]):
     spec = mujoco.MjSpec.from_string(SERVO)
     plain = compile_variable(spec)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    return p, _build_search(p, lambda _text: None, p.config.decide_s)
+    return p, build_search(p, lambda _text: None, p.config.decide_s)
 
 
 def test_a_servo_that_is_as_modelled_seems_to_lack_no_damping():
@@ -156,3 +158,22 @@ def test_noise_in_measured_forces_is_in_the_floor(rate, noise):
     found = floor(p, nominal)
     assert not found.exceeded(losses)
     assert 0.4 < found.loss / losses.mean() < 2.0
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+def test_a_drive_that_no_law_explains_is_unexplained(unknown):
+    """Known: half the nominal force. Unknown: a ripple of a fifth of it that only time sets, beside that."""
+    recordings = []
+    for r in _driven(0.01, gain=0.5):
+        ripple = np.sin(31.0 * r.time + np.cumsum(np.sin(7.0 * r.time)))[:, None]
+        recordings.append(
+            dataclasses.replace(r, force=r.force + unknown * 0.2 * np.abs(r.force).max() * ripple)
+        )
+    spec = mujoco.MjSpec.from_string(SERVO)
+    plain = compile_variable(spec)
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    found = diagnose_actuators(p, plain, ["actuator_gain", "actuator_lag"])
+    assert [t.id for f in found.fits for t in f.hypothesis.terms] == ["actuator_gain"]
+    assert [u["at"] for u in found.left] == ([["servo"]] if unknown else [])
+    for u in found.left:
+        assert 0.0 < u["share"] < 1.0 and u["intervals"]

@@ -377,3 +377,63 @@ def test_damaged_archives_never_crash(tmp_path_factory, cut, flip, value):
         assert "\n" not in str(error)
     else:
         assert r.qpos.shape == (20, 2)
+
+
+def test_a_map_reads_beside_whole_numbers_and_what_it_does_not_name(tmp_path, arm):
+    """Encoder counts are whole numbers; what is put beside them is not."""
+    counts = np.stack([np.arange(20), np.arange(20)], 1)
+    path = _save(tmp_path, qpos=counts, q_deg=np.full(20, 30.0), notes=np.array([{"a": 1}], dtype=object))
+    r = read_recording(path, *arm, {"qpos:elbow": {"from": "q_deg", "unit": "deg"}})
+    np.testing.assert_allclose(r.qpos[:, 1], np.pi / 6)
+    np.testing.assert_array_equal(r.qpos[:, 0], counts[:, 0])
+    with pytest.raises(InputError, match="'notes'"):
+        read_recording(path, *arm, {"qpos:elbow": "notes"})
+
+
+def test_a_map_renames_titles_of_the_contracts_form(tmp_path, arm):
+    path = tmp_path / "run.csv"
+    path.write_text(
+        "time,qpos:shoulder,qpos:wrist,ctrl:shoulder_motor,ctrl:elbow_servo\n0,1,2,3,4\n1,5,6,7,8\n"
+    )
+    r = read_recording(path, *arm, {"qpos:elbow": "qpos:wrist"})
+    np.testing.assert_array_equal(r.qpos, [[1, 2], [5, 6]])
+
+
+def test_a_linked_recording_keeps_the_name_of_the_link(tmp_path, arm):
+    store = tmp_path / "store"
+    store.mkdir()
+    target = _save(store).rename(store / "abc123")
+    (tmp_path / "heldout_1.npz").symlink_to(target)
+    (tmp_path / "again.npz").symlink_to(target)
+    # the same file twice is one recording
+    assert [r.name for r in load_recordings([tmp_path], *arm)] == ["again"]
+    (tmp_path / "again.npz").unlink()
+    assert [r.name for r in load_recordings([tmp_path], *arm)] == ["heldout_1"]
+
+
+@pytest.mark.parametrize(("xml_range", "continuous"), [("", True), ('limited="true" range="-4 4"', False)])
+def test_angles_that_wrap_are_made_continuous(xml_range, continuous):
+    import mujoco
+
+    xml = PENDULUM.replace('name="hinge"', f'name="hinge" {xml_range}')
+    model = compile_variable(mujoco.MjSpec.from_string(xml))
+    t = 0.01 * np.arange(200)
+    q = (5 * t)[:, None]
+    wrapped = (q + np.pi) % (2 * np.pi) - np.pi
+    r = validate(Recording("run", t, wrapped, None, np.zeros((200, 1))), model, names_of(model))
+    if continuous:
+        np.testing.assert_allclose(r.qpos, q, atol=1e-12)
+        assert any("wraps at a full turn" in w for w in r.warnings)
+    else:
+        np.testing.assert_array_equal(r.qpos, wrapped)
+
+
+def test_angles_that_turn_far_are_left_alone():
+    import mujoco
+
+    model = compile_variable(mujoco.MjSpec.from_string(PENDULUM))
+    t = 0.2 * np.arange(50)
+    # more than a turn altogether, and fast: half a turn from row to row
+    for q in (20 * np.sin(t), 3.0 * (np.arange(50) % 2)):
+        r = validate(Recording("run", t, q[:, None], None, np.zeros((50, 1))), model, names_of(model))
+        np.testing.assert_array_equal(r.qpos[:, 0], q)

@@ -11,8 +11,8 @@ from machines import PENDULUM, record
 
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis import prepare as preparation
+from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import floor
-from mpge_jax.diagnosis.diagnosis import _build_search
 from mpge_jax.diagnosis.effects.base import REGISTRY, Effect, Place, nominal_context
 from mpge_jax.diagnosis.finish import final_fit
 from mpge_jax.diagnosis.fit import NOTHING, Fitted
@@ -38,7 +38,7 @@ def _prepared(xml: str, recordings: list[Recording]):
 
 
 def _search(p):
-    return _build_search(p, lambda _text: None, p.config.decide_s)
+    return build_search(p, lambda _text: None, p.config.decide_s)
 
 
 def test_a_servos_force_is_no_staircase():

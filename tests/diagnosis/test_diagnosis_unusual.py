@@ -72,6 +72,64 @@ def test_neither_commands_nor_forces_is_refused():
         prepared(PENDULUM, recordings)
 
 
+def test_forces_that_some_recordings_lack_are_not_used():
+    recordings = [dataclasses.replace(r, force=0.3 * r.ctrl) for r in record(PENDULUM, 0.8)]
+    recordings[1] = dataclasses.replace(recordings[1], force=None)
+    p = prepared(PENDULUM, recordings)
+    assert not p.measured.any()
+    assert any("force of motor was not measured in most rows" in w for w in p.warnings)
+
+
+def _transitions(friction: float, count: int = 150, noise: float = 1e-4) -> list[Recording]:
+    """Recordings of two rows each, from states and commands that have nothing to do with each other."""
+    rng, out = np.random.default_rng(0), []
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    model.dof_frictionloss[0] = friction
+    model.opt.timestep = 0.001
+    for k in range(count):
+        data = mujoco.MjData(model)
+        data.qpos[0], data.qvel[0], data.ctrl[0] = (
+            rng.uniform(-2, 2),
+            rng.normal(0, 2),
+            rng.uniform(-1.5, 1.5),
+        )
+        rows = [(data.qpos.copy(), data.qvel.copy())]
+        mujoco.mj_step(model, data, 20)
+        rows.append((data.qpos.copy(), data.qvel.copy()))
+        q, v = (np.array(x) for x in zip(*rows, strict=True))
+        q, v = q + noise * rng.standard_normal((2, 1)), v + 10 * noise * rng.standard_normal((2, 1))
+        out.append(Recording(f"transition_{k}", np.array([0.0, 0.02]), q, v, np.full((2, 1), data.ctrl[0])))
+    return out
+
+
+def test_single_transitions_are_recordings():
+    spec = mujoco.MjSpec.from_string(PENDULUM)
+    assert diagnose(spec, _transitions(0.0), Config(jobs=1)).verdict == "none"
+    d = diagnose(spec, _transitions(0.05), Config(jobs=1))
+    assert [(t.id, t.place.name) for t in d.terms] == [("coulomb_friction", "hinge")]
+    assert d.fit.theta[0] == pytest.approx(0.05, rel=0.05)
+
+
+GANTRY = """<mujoco><worldbody><body name="tool"><joint name="x" type="slide" axis="1 0 0"/>
+<joint name="y" type="slide" axis="0 1 0"/><joint name="z" type="slide" axis="0 0 1"/><geom size=".1"/></body>
+</worldbody><actuator><motor name="mx" joint="x"/></actuator></mujoco>"""
+
+
+def test_driven_joints_of_a_root_body_are_no_floating_base():
+    for xml, places in ((GANTRY, ["x", "y", "z"]), (GANTRY[: GANTRY.index("<actuator>")] + "</mujoco>", [])):
+        ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+        assert [p.name for p in REGISTRY["coulomb_friction"].places(ctx)] == places
+
+
+def test_commands_are_not_clipped_where_the_model_says_so():
+    xml = PENDULUM.replace("<worldbody>", '<option><flag clampctrl="disable"/></option><worldbody>')
+    model = compile_variable(load_spec(mujoco.MjSpec.from_string(xml)))
+    assert not model.actuator_ctrllimited.any()
+    recordings = record(PENDULUM, 3.0)
+    assert any("leave its ctrlrange" in w for w in prepared(PENDULUM, recordings).warnings)
+    assert not any("leave its ctrlrange" in w for w in prepared(xml, recordings).warnings)
+
+
 def test_equal_names_are_refused_and_copies_warned_of():
     recordings = record(PENDULUM, 0.8)
     with pytest.raises(InputError, match="3 recordings are called 'run'"):

@@ -16,6 +16,8 @@ from mpge_jax.diagnosis.recording import validate
 
 FILTER = PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')
 MUSCLE = PENDULUM.replace("<motor", '<muscle lengthrange="-2 2" timeconst=".02 .05" force="3"')
+CLIPPED = FILTER.replace('ctrlrange="-2 2"', 'ctrlrange="0 .6"')
+LATE = FILTER.replace("<general", '<general delay=".03" nsample="20"')
 MUSCLE = MUSCLE.replace('ctrlrange="-2 2"', 'ctrlrange="0 1"')
 RATE = 100
 
@@ -46,7 +48,7 @@ def _prepared(xml: str, recordings: list[Recording]):
     return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
 
 
-@pytest.mark.parametrize(("xml", "settling"), [(FILTER, 0.15), (MUSCLE, 0.4)])
+@pytest.mark.parametrize(("xml", "settling"), [(FILTER, 0.15), (CLIPPED, 0.15), (LATE, 0.18), (MUSCLE, 0.4)])
 def test_windows_start_with_the_activation_that_the_commands_left(xml, settling):
     recordings, activations = _record(xml)
     p = _prepared(xml, recordings)

@@ -41,10 +41,11 @@ def _size(ctx: Context, place: Place) -> float:
 
 
 def _unit(ctx: Context, place: Place) -> str:
+    """Unit of the scalar force: a plain motor's is its command, which is the joint's force only without a gear."""
     a = place.index
     m = ctx.model
-    plain = m.actuator_biastype[a] == _NO_BIAS and abs(m.actuator_gear[a, 0]) != 1.0
-    if plain:
+    plain = m.actuator_biastype[a] == _NO_BIAS and m.actuator_gainprm[a, 0] == 1.0
+    if plain and abs(m.actuator_gear[a, 0]) != 1.0:
         return "command"
     joint = int(m.actuator_trnid[a, 0])
     slide = is_joint_transmission(m, a) and m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE

@@ -75,6 +75,8 @@ class Effect:
     """Value of the parameters at which the effect vanishes."""
     runtime = False
     """Whether `force` must be called each step."""
+    external = False
+    """Whether `force` reads `Step.external`."""
     commands = False
     """Whether it changes the command (`command`)."""
     jagged = False

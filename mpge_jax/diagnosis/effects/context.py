@@ -82,6 +82,11 @@ class Context:
     weight: float = 10.0
     samples: Samples | None = None
 
+    @property
+    def touching(self) -> list[int]:
+        """Geoms that touch another."""
+        return sorted({g for pair in self.contacts for g in pair})
+
     def dof(self, place: Place) -> int:
         return int(self.model.jnt_dofadr[place.index])
 
@@ -131,8 +136,7 @@ def default_places(ctx: Context, kind: str) -> list[Place]:
     if kind == "body":
         return [Place("body", names.bodies[b], b) for b in mj.moving_bodies(m)]
     if kind == "geom":
-        touching = sorted({g for pair in ctx.contacts for g in pair})
-        return [Place("geom", names.geoms[g], g) for g in touching]
+        return [Place("geom", names.geoms[g], g) for g in ctx.touching]
     if kind == "world":
         return [Place("world", "world", 0)]
     raise ValueError(f"unknown kind of place '{kind}'.")

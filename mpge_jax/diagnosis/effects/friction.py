@@ -191,7 +191,7 @@ class LoadDependentFriction(_Dry):
 class GearLoadFriction(LoadDependentFriction):
     """The second form: the gear carries the motor's torque against that of gravity and the other links."""
 
-    id = "load_dependent_friction:gear"
+    id, external = "load_dependent_friction:gear", True
     equation = "-(Fc + Kl |motor torque - external torque|) sgn v"
     says = (
         "The gear of the {at} has dry friction of {coulomb} plus {load_coefficient} times the torque between motor and "

@@ -56,6 +56,7 @@ def element(elements: Any, index: int) -> Any:
 
 def _inertial(f: SpecFields, b: int, _value: Array) -> None:
     """Write explicit inertial properties; the body's geoms keep their shapes and lose their masses' say."""
+    _let_inertials_count(f.spec)
     m, body = f.model, element(f.spec.bodies, b)
     body.explicitinertial = True
     body.mass = float(m.body_mass[b])
@@ -63,6 +64,17 @@ def _inertial(f: SpecFields, b: int, _value: Array) -> None:
         np.array(x[b]) for x in (m.body_ipos, m.body_iquat, m.body_inertia)
     )
     body.fullinertia = np.full(6, np.nan)
+
+
+def _let_inertials_count(spec: mujoco.MjSpec) -> None:
+    """Where the compiler takes every mass from geoms, whatever is written: let it do so for bodies that have any and
+    state no inertial properties, which is the same until some are stated."""
+    if spec.compiler.inertiafromgeom != mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+        return
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    for body in spec.bodies[1:]:
+        if body.geoms:
+            body.explicitinertial, body.ipos = False, [np.nan] * 3
 
 
 def _joint(f: SpecFields, dof: int) -> Any:

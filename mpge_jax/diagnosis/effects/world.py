@@ -125,7 +125,7 @@ class _Contact(Effect):
 
     def null(self, ctx: Context, place: Place) -> np.ndarray:
         values = getattr(ctx.model, self.fields[0])[:, 0]
-        where = [place.index] if place.kind == "geom" else sorted({g for pair in ctx.contacts for g in pair})
+        where = [place.index] if place.kind == "geom" else ctx.touching
         return np.array([abs(float(np.max(values[where]))) if where else 1.0])
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
@@ -168,7 +168,7 @@ class ContactStiffness(_Contact):
 
     def places(self, ctx: Context) -> list[Place]:
         """Where contacts have a time constant: MuJoCo's other format (negative numbers) has a stiffness instead."""
-        direct = {g for pair in ctx.contacts for g in pair if ctx.model.geom_solref[g, 0] <= 0}
+        direct = {g for g in ctx.touching if ctx.model.geom_solref[g, 0] <= 0}
         return [p for p in super().places(ctx) if (p.index not in direct if p.kind == "geom" else not direct)]
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:

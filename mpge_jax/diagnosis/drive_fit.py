@@ -1,0 +1,256 @@
+"""What an actuator does with its command: laws fitted to measured forces, without any simulation of motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.optimize import least_squares
+
+from mpge_jax.diagnosis.candidates import compatible
+from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, Step
+from mpge_jax.diagnosis.evidence import rare
+from mpge_jax.diagnosis.fit import NOTHING, Fitted
+from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.model import is_joint_transmission
+from mpge_jax.diagnosis.windows import Source
+
+Array = np.ndarray
+BLOCK_S = 0.25
+MAX_EFFECTS = 3
+DETAIL, FEW = 0.02, 5
+"""Share of an actuator's largest forces by which an effect must change so many: less is a matter of when within a
+timestep a force was measured."""
+MISSED = 0.1
+"""Share of an actuator's largest forces, and of what the nominal law misses, that a law must miss (root mean square)
+for something to be left."""
+WORST = 8
+"""Stretches of recordings that are listed where something is left."""
+
+
+class _Table(Fields):
+    """Actuator fields of a model as plain arrays [1, ...] that hooks may change."""
+
+    xp = np
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        names = (
+            "actuator_gainprm", "actuator_biasprm", "actuator_gaintype", "actuator_biastype",
+            "actuator_forcerange", "actuator_forcelimited",
+        )  # fmt: skip
+        self.values = {n: np.array(getattr(model, n), dtype=float)[None] for n in names}
+
+    def get(self, name: str, index: Any) -> Array:
+        return self.values[name][(slice(None), *index)]
+
+    def set(self, name: str, index: Any, value: Any) -> None:
+        self.values[name][(slice(None), *index)] = value
+
+
+@dataclass(frozen=True)
+class Log:
+    """One recording of one actuator on a uniform grid.
+
+    Attributes:
+        name: of the recording. time: [T] s. u: [1, L] command on the grid. at: [T] grid index of each sample. force,
+        length, speed: [T]. block: [T].
+    """
+
+    name: str
+    time: Array
+    u: Array
+    at: Array
+    force: Array
+    length: Array
+    speed: Array
+    block: Array
+
+
+def log_of(source: Source, ctx: Context, actuator: int, dt: float, first_block: int) -> Log | None:
+    r, m = source.recording, ctx.model
+    good = np.isfinite(r.known("force")[:, actuator])
+    if good.sum() < 20:
+        return None
+    t = r.time
+    grid = np.arange(t[0], t[-1] + 2 * dt, dt)
+    u = r.known("ctrl")[np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, t.size - 1), actuator]
+    length = speed = np.zeros(t.size)
+    if is_joint_transmission(m, actuator):
+        joint, gear = int(m.actuator_trnid[actuator, 0]), float(m.actuator_gear[actuator, 0])
+        length = gear * source.states.qpos[:, m.jnt_qposadr[joint]]
+        speed = gear * source.states.qvel[:, m.jnt_dofadr[joint]]
+    # the first point of the grid that sees the row's own command
+    at = np.clip(np.ceil((t - t[0]) / dt - 1e-6).astype(int), 0, grid.size - 1)
+    block = first_block + ((t - t[0]) / BLOCK_S).astype(int)
+    force = r.known("force")[good, actuator]
+    return Log(r.name, t[good], u[None], at[good], force, length[good], speed[good], block[good])
+
+
+def predict(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, log: Log, dt: float) -> Array:
+    """Force [T] of an actuator under its command and motion; `model` is the nominal one."""
+    ctx = replace(ctx, model=model)
+    table = _Table(model)
+    parts = [(t, th[None]) for t, th in f.hypothesis.split(ctx, f.theta).items()]
+    u = log.u
+    for term, theta in parts:
+        if term.effect.commands:
+            u = term.effect.timeline(ctx, term.place, theta, u, dt)
+        term.effect.model(table, ctx, term.place, theta)
+    command = u[0][log.at]
+    if model.actuator_ctrllimited[actuator]:
+        command = np.clip(command, *model.actuator_ctrlrange[actuator])
+    gain = table.values["actuator_gainprm"][0, actuator]
+    affine = table.values["actuator_biastype"][0, actuator] == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    bias = table.values["actuator_biasprm"][0, actuator] * affine
+    free = gain[0] * command + bias[0] + bias[1] * log.length + bias[2] * log.speed
+    low, high = table.values["actuator_forcerange"][0, actuator]
+    if not table.values["actuator_forcelimited"][0, actuator]:
+        low, high = -1e12, 1e12
+    out = np.clip(free, low, high)
+
+    def wide(value: Any) -> Array:
+        column = np.zeros((out.size, model.nu))
+        column[:, actuator] = value
+        return column
+
+    for term, theta in parts:
+        if term.effect.runtime:
+            s = Step(
+                np.zeros((out.size, model.nq)), np.zeros((out.size, model.nv)), wide(command), wide(out),
+                wide(free), wide(low), wide(high), wide(bias[1]), wide(bias[2]), lambda _b: np.zeros(3), dt,
+            )  # fmt: skip
+            forces, _ = term.effect.force(np, ctx, term.place, theta, s, ())
+            if forces.actuator is not None:
+                out = out + forces.actuator
+    return out
+
+
+@dataclass
+class Data:
+    train: list[Log]
+    held: list[Log]
+    sigma: float
+    dt: float
+
+
+def residual(model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, logs: list[Log], d: Data) -> Array:
+    return np.concatenate([log.force - predict(model, ctx, f, a, log, d.dt) for log in logs]) / d.sigma
+
+
+def outside(model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, log: Log, dt: float) -> Array:
+    """By how much [T] each measured force lies outside what `f` predicts for it and its neighbours in time: nobody
+    knows to a row when a force was measured."""
+    force = predict(model, ctx, f, a, log, dt)
+    near = np.stack([force, np.append(force[1:], force[-1]), np.append(force[0], force[:-1])])
+    return np.maximum(np.maximum(near.min(0) - log.force, log.force - near.max(0)), 0.0)
+
+
+def what_is_left(model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, d: Data) -> dict[str, Any] | None:
+    """The `unexplained` entry of a drive whose held-out forces `f` misses, whatever the timing, by more than noise and
+    by much of the force and of what the nominal law misses."""
+    missed = [outside(model, ctx, f, a, log, d.dt) for log in d.held]
+    nominal = np.concatenate([log.force - predict(model, ctx, NOTHING, a, log, d.dt) for log in d.held])
+    before = max(float(np.mean(nominal**2)), 1e-300)
+    left = float(np.mean(np.concatenate(missed) ** 2)) - d.sigma**2
+    if left < max(MISSED * float(ctx.drive[a]), MISSED * np.sqrt(before), 2.0 * d.sigma) ** 2:
+        return None
+    parts = []
+    for log, miss in zip(d.held, missed, strict=True):
+        for block in np.unique(log.block):
+            mine = log.block == block
+            first, last = log.time[mine][[0, -1]]
+            parts.append((float(np.mean(miss[mine] ** 2)), [log.name, round(first, 4), round(last, 4)]))
+    worst = sorted(parts, key=lambda x: -x[0])[:WORST]
+    return {
+        "when": "between its command and its measured force",
+        "intervals": sorted((x[1] for x in worst), key=lambda x: (x[0], x[1])),
+        "share": min(left / before, 1.0),
+    }
+
+
+def _blocks(r: Array, logs: list[Log]) -> Array:
+    """Mean squared residual of each block [B]."""
+    block = np.concatenate([log.block for log in logs])
+    _, index = np.unique(block, return_inverse=True)
+    return np.bincount(index, r**2) / np.bincount(index)
+
+
+def _robust(blocks: Array, reference: Array) -> Array:
+    """Loss of blocks in units of the reference's median block; wild blocks count little."""
+    return 5.0 * np.log1p(blocks / max(float(np.median(reference)), 1e-12) / 5.0)
+
+
+def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) -> Fitted:
+    params = start.hypothesis.params(ctx)
+    if not params:
+        return start
+    low = np.array([p.low for p in params])
+    high = np.array([p.high for p in params])
+    scale = np.array([p.scale for p in params])
+
+    def scaled(x: Array) -> Array:
+        return residual(model, ctx, replace(start, theta=x * scale), a, d.train, d)
+
+    x0 = np.clip(start.theta, low + 1e-6 * (high - low), high - 1e-6 * (high - low)) / scale
+    spread = max(float(np.median(np.abs(scaled(x0)))), 1.0)
+    out = least_squares(
+        scaled, x0, bounds=(low / scale, high / scale), loss="soft_l1", f_scale=3 * spread, max_nfev=30,
+        diff_step=1e-3,
+    )  # fmt: skip
+    theta = out.x * scale
+    # covariance clustered by block: the residual of a drive is not white
+    j, r = out.jac / scale, scaled(out.x)
+    _, index = np.unique(np.concatenate([log.block for log in d.train]), return_inverse=True)
+    scores = np.stack([np.bincount(index, j[:, i] * r) for i in range(len(params))], 1)
+    bread = np.linalg.pinv(j.T @ j)
+    return replace(start, theta=theta, cov=bread @ (scores.T @ scores) @ bread, loss=float(out.cost))
+
+
+def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: list[str]) -> Fitted:
+    a = place.index
+    current = NOTHING
+    while len(current.hypothesis.terms) < MAX_EFFECTS:
+        field_ = []
+        for i in ids:
+            term = Term(i, place)
+            if place not in REGISTRY[i].places(ctx) or not compatible(current.hypothesis, term):
+                continue
+            best = None
+            for start in REGISTRY[i].starts(ctx, place):
+                h = current.hypothesis.with_term(term)
+                parts = current.hypothesis.split(ctx, current.theta)
+                f = _fit(model, ctx, Fitted(h, h.gather(ctx, {**parts, term: start}), np.zeros(0)), a, d)
+                if best is None or f.loss < best.loss:
+                    best = f
+            if best is not None:
+                blocks = _blocks(residual(model, ctx, best, a, d.held, d), d.held)
+                field_.append((best, blocks))
+        if not field_:
+            return current
+        before = _blocks(residual(model, ctx, current, a, d.held, d), d.held)
+        reference = min((x[1] for x in field_), key=np.median)
+        before = _robust(before, reference)
+        field_ = sorted(((f, _robust(b, reference)) for f, b in field_), key=lambda x: x[1].mean())
+        top = field_[0]
+        tied = [
+            x for x in field_
+            if (x[1] - top[1]).mean() <= max(2 * (x[1] - top[1]).std() / np.sqrt(x[1].size), 0.01 * top[1].mean())
+        ]  # fmt: skip
+        chosen, after = min(tied, key=lambda x: (x[0].theta.size, x[1].mean()))
+        gain = before - after
+        error = gain.std() / np.sqrt(max(gain.size - 1, 1))
+        if gain.mean() < 3 * error or gain.mean() < 0.05 * before.mean():
+            first, second = (
+                _robust(_blocks(residual(model, ctx, f, a, d.train, d), d.train), reference)
+                for f in (current, chosen)
+            )
+            worse, better = np.concatenate([first, before]), np.concatenate([second, after])
+            if not rare(worse, better, fitted=first.size):
+                return current
+        old, new = (residual(model, ctx, f, a, d.held, d) for f in (current, chosen))
+        if float(np.sort(np.abs(new - old))[-FEW:][0]) * d.sigma < DETAIL * ctx.drive[a]:
+            return current
+        current = chosen
+    return current

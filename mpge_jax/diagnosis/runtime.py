@@ -1,0 +1,157 @@
+"""Effects whose forces are computed at every step, for many simulations of a batch at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from mpge_jax.diagnosis.effects.base import Context, Step
+from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.model import has_plain_law, is_joint_transmission
+
+Array = np.ndarray
+
+
+@dataclass
+class Group:
+    """Simulations on which one runtime effect acts."""
+
+    term: Term
+    rows: Array
+    theta: Array
+    memory: Any = None
+
+
+class Runtime:
+    """Effects whose forces are computed each step, vectorised over the simulations on which they act."""
+
+    def __init__(
+        self, model: mujoco.MjModel, ctx: Context, batch: Batch, groups: list[Group], push: Array, dt: float
+    ) -> None:
+        self.model, self.ctx, self.batch, self.groups = model, ctx, batch, groups
+        self.push, self.dt = push, dt
+        m = model
+        self.qfrc = batch.bind("qfrc_applied")
+        self.xfrc = batch.bind("xfrc_applied")
+        self.dry_base = None
+        if any("dof_frictionloss" in g.term.effect.fields for g in groups):
+            self.dry = batch.expand("dof_frictionloss")
+            self.dry_base = self.dry.copy()
+        self.bodies = any(
+            g.term.effect.id == "quadratic_drag" and g.term.place.kind == "body" for g in groups
+        )
+        if self.bodies or any(g.term.place.kind == "body" for g in groups):
+            self.cvel, self.xipos, self.com = (batch.bind(k) for k in ("cvel", "xipos", "subtree_com"))
+            self.bodies = True
+        self.loaded = any(g.term.effect.external for g in groups)
+        self.loads = batch.bind("qfrc_bias") if self.loaded else np.zeros((0, 0))
+        self.gain = _expanded(batch, m, "actuator_gainprm")
+        self.bias = _expanded(batch, m, "actuator_biasprm")
+        self.range = _expanded(batch, m, "actuator_forcerange").copy()
+        limited = _expanded(batch, m, "actuator_forcelimited").astype(bool)
+        self.range[~np.broadcast_to(limited, self.range.shape[:-1])] = [-1e12, 1e12]
+        self.affine_rows = _expanded(batch, m, "actuator_biastype") == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        self.formula = np.array([has_plain_law(m, a) for a in range(m.nu)], dtype=bool)
+        self.last_force = batch.bind("actuator_force") if m.nu and not self.formula.all() else None
+        joints = m.actuator_trnid[:, 0] if m.nu else np.zeros(0, int)
+        self.qadr = np.where(self.formula, m.jnt_qposadr[np.clip(joints, 0, m.njnt - 1)], 0)
+        self.dadr = np.where(self.formula, m.jnt_dofadr[np.clip(joints, 0, m.njnt - 1)], 0)
+        self.gear = m.actuator_gear[:, 0] if m.nu else np.zeros(0)
+
+    def _step(self) -> Step:
+        m, b = self.model, self.batch
+        q, v = b.bind("qpos"), b.bind("qvel")
+        if not m.nu:
+            empty = np.zeros((q.shape[0], 0))
+            return Step(q, v, empty, empty, empty, empty, empty, empty, empty, self._body_velocity, self.dt)
+        u = b.bind("ctrl")
+        low = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 0], -np.inf)
+        high = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 1], np.inf)
+        length, speed = self.gear * q[:, self.qadr], self.gear * v[:, self.dadr]
+        bias = np.where(self.affine_rows[..., None], self.bias, 0.0)
+        free = (
+            self.gain[..., 0] * np.clip(u, low, high)
+            + bias[..., 0]
+            + bias[..., 1] * length
+            + bias[..., 2] * speed
+        )
+        f = np.clip(free, self.range[..., 0], self.range[..., 1])
+        if self.last_force is not None:
+            free = np.where(self.formula, free, self.last_force)
+            f = np.where(self.formula, f, self.last_force)
+        shape = f.shape
+        low, high, stiffness, damping = (
+            np.broadcast_to(x, shape)
+            for x in (self.range[..., 0], self.range[..., 1], bias[..., 1], bias[..., 2])
+        )
+        velocity, external = self._body_velocity, self._external
+        return Step(q, v, u, f, free, low, high, stiffness, damping, velocity, self.dt, external)
+
+    def _external(self, dof: int) -> Array:
+        """Torque of gravity and of the other links' motion on a joint, one substep behind."""
+        if not self.loaded:
+            raise ValueError("an effect whose `force` reads `Step.external` must set `external = True`.")
+        return -self.loads[:, dof]
+
+    def _body_velocity(self, body: int) -> Array:
+        """World velocity of the centre of mass, one substep behind."""
+        root = int(self.model.body_rootid[body])
+        arm = self.xipos[:, body] - self.com[:, root]
+        return self.cvel[:, body, 3:] + np.cross(self.cvel[:, body, :3], arm)
+
+    def apply(self, first: bool) -> None:
+        m = self.model
+        if first and (self.bodies or self.loaded or self.last_force is not None):
+            self.batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_ACC))
+        s = self._step()
+        self.qfrc[:] = self.push
+        if self.bodies:
+            self.xfrc[:] = 0.0
+        if self.dry_base is not None:
+            self.dry[:] = self.dry_base
+        for g in self.groups:
+            effect, place, rows = g.term.effect, g.term.place, g.rows
+            part = _rows(s, rows)
+            if first:
+                g.memory = effect.memory(np, self.ctx, place, g.theta, part)
+            forces, g.memory = effect.force(np, self.ctx, place, g.theta, part, g.memory)
+            if forces.joint is not None:
+                self.qfrc[rows, self.ctx.dof(place)] += forces.joint
+            if forces.dry is not None:
+                self.dry[rows, self.ctx.dof(place)] += forces.dry
+            if forces.body is not None:
+                self.xfrc[rows, place.index, :3] += forces.body
+            if forces.actuator is not None:
+                a = place.index
+                if is_joint_transmission(m, a):
+                    dof = int(m.jnt_dofadr[m.actuator_trnid[a, 0]])
+                    self.qfrc[rows, dof] += self.gear[a] * forces.actuator
+                else:
+                    self.batch.bind("ctrl")[rows, a] += forces.actuator / m.actuator_gainprm[a, 0]
+
+
+def _rows(s: Step, rows: Array) -> Step:
+    return Step(
+        s.q[rows],
+        s.v[rows],
+        s.u[rows],
+        s.f[rows],
+        s.f_free[rows],
+        s.force_low[rows],
+        s.force_high[rows],
+        s.f_position[rows],
+        s.f_velocity[rows],
+        lambda body: s.body_velocity(body)[rows],
+        s.dt,
+        lambda dof: s.external(dof)[rows],
+    )
+
+
+def _expanded(batch: Batch, model: mujoco.MjModel, name: str) -> Array:
+    """Per-simulation values [n, ...] of a field, or the shared ones [1, ...]."""
+    value = batch.expanded(name)
+    return np.array(value) if value is not None else np.array(getattr(model, name))[None]
