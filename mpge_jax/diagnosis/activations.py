@@ -43,12 +43,12 @@ def activation(model: mujoco.MjModel, source: Source, row: int) -> Array:
         if adr < 0 or (tau == 0 and kinds[a] != mujoco.mjtDyn.mjDYN_INTEGRATOR):
             continue
         first = int(np.searchsorted(t, t[row] - 10 * tau)) if tau > 0 else 0
-        commands, steps = _reached(model, source, a, first, row), np.diff(t[first : row + 1])
+        commands, steps = _reached(source, a, first, row), np.diff(t[first : row + 1])
         known = None if source.activation is None or first else float(source.activation[adr])
         if tau == 0:
             act[adr] = _integrated(model, a, known or 0.0, commands * steps)
             continue
-        x = float(_clipped(model, a, source.command[first, a])) if known is None else known
+        x = float(source.command[first, a]) if known is None else known
         for u, step in zip(commands, steps, strict=True):
             if kinds[a] == mujoco.mjtDyn.mjDYN_MUSCLE:
                 parts = max(int(np.ceil(step / model.opt.timestep)), 1)
@@ -69,13 +69,8 @@ def _integrated(model: mujoco.MjModel, a: int, start: float, changes: Array) -> 
     return start
 
 
-def _reached(model: mujoco.MjModel, source: Source, a: int, first: int, row: int) -> Array:
-    """Mean commands [row - first] that reach actuator `a` between consecutive rows: late and clipped as the model has
-    it."""
+def _reached(source: Source, a: int, first: int, row: int) -> Array:
+    """Mean commands [row - first] that reach actuator `a` between consecutive rows, as late as the model has it."""
     if row <= first:
         return np.zeros(0)
-    return _clipped(model, a, source.mean_command(source.recording.time[first : row + 1])[:, a])
-
-
-def _clipped(model: mujoco.MjModel, a: int, command: Array) -> Array:
-    return np.clip(command, *model.actuator_ctrlrange[a]) if model.actuator_ctrllimited[a] else command
+    return source.mean_command(source.recording.time[first : row + 1])[:, a]

@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.drive_fit import Data, Log, log_of, residual, search_law
 from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, timing_error
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.model import compile_variable, has_plain_law
+from mpge_jax.diagnosis.model import clipped, compile_variable, has_plain_law
 from mpge_jax.diagnosis.noise import column_noise
 from mpge_jax.diagnosis.prepare import Prepared, drive_by_force
 from mpge_jax.diagnosis.simulate import Simulator
@@ -160,7 +160,9 @@ def by_command(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> tuple
     sources = []
     for group in (p.train_sources, p.held_sources):
         built = (
-            Source.build(s.recording, s.states, s.recording.known("ctrl"), late=plain.actuator_delay)
+            Source.build(
+                s.recording, s.states, clipped(plain, s.recording.known("ctrl")), late=plain.actuator_delay
+            )
             for s in group
         )
         sources.append(tuple(built))

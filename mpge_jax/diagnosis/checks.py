@@ -6,12 +6,15 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.model import Names, qpos_columns
+from mpge_jax.diagnosis.model import Names, floating_base_joints, qpos_columns
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.states import Noise
 
 RESTING = 10.0
 """Deviations of the noise within which a joint that does not move stays."""
+POSES, MOVED, MATTERS = 5, (-1.0, -0.3, -0.1, 0.1, 0.3), 0.02
+"""Poses in which a base is moved by so much (m or rad), and the share of the accelerations that must change for its
+pose to matter."""
 
 
 def check_commands(recordings: list[Recording], measured: np.ndarray, names: Names) -> None:
@@ -61,6 +64,54 @@ def check_model(model: mujoco.MjModel, names: Names, warnings: list[str]) -> Non
         warnings.append(
             f"{names.actuators[a]} integrates its commands; what it held when a recording began is taken for zero."
         )
+
+
+def check_base(recordings: list[Recording], model: mujoco.MjModel, names: Names) -> None:
+    """Raises InputError where the pose of a floating base was never measured and decides how the joints move.
+
+    Whether it touches the ground and which way gravity pulls does; how far it went along a plane does not.
+    """
+    missing = np.all([np.isnan(r.qpos).all(0) for r in recordings], axis=0)
+    dofs = [d for j in floating_base_joints(model) for d in unmeasured_dofs(model, j, missing)]
+    measured = [d for d in range(model.nv) if not unmeasured_dofs(model, int(model.dof_jntid[d]), missing)]
+    if not dofs or not measured:
+        return
+    data, poses = mujoco.MjData(model), [r.qpos[len(r.qpos) // 2] for r in recordings[:POSES]]
+
+    def accelerations(pose: np.ndarray, move: np.ndarray) -> np.ndarray:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = np.where(np.isnan(pose), model.qpos0, pose)
+        mujoco.mj_integratePos(model, data.qpos, move, 1.0)
+        mujoco.mj_forward(model, data)
+        return data.qacc[measured].copy()
+
+    plain = [accelerations(pose, np.zeros(model.nv)) for pose in poses]
+    for d in dofs:
+        moves = [size * np.eye(model.nv)[d] for size in MOVED]
+        change = max(
+            np.abs(accelerations(pose, move) - a).max()
+            for pose, a in zip(poses, plain, strict=True)
+            for move in moves
+        )
+        if change > MATTERS * max(np.abs(plain).max(), 1e-6):
+            name = names.joint_of_dof(model, d)
+            raise InputError(
+                f"how the machine moves depends on the pose of its base ('{name}'), which was never measured; record "
+                "it, or fix the base in the model if it stands still."
+            )
+
+
+def unmeasured_dofs(model: mujoco.MjModel, joint: int, missing: np.ndarray) -> list[int]:
+    """Degrees of freedom of a joint of which some column [nq] is missing."""
+    first, end = qpos_columns(model, joint)
+    columns, dof = np.flatnonzero(missing[first:end]), int(model.jnt_dofadr[joint])
+    kind = model.jnt_type[joint]
+    if kind == mujoco.mjtJoint.mjJNT_FREE:
+        turned = [dof + 3, dof + 4, dof + 5] if (columns >= 3).any() else []
+        return [dof + int(c) for c in columns if c < 3] + turned
+    if kind == mujoco.mjtJoint.mjJNT_BALL:
+        return [dof, dof + 1, dof + 2] if columns.size else []
+    return [dof] if columns.size else []
 
 
 def check_motion(

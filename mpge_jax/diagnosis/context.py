@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.activations import activation
 from mpge_jax.diagnosis.contacts import touching_pairs
 from mpge_jax.diagnosis.effects.base import Context, Samples, nominal_context
 from mpge_jax.diagnosis.model import Names, is_scalar, moments
@@ -12,6 +13,9 @@ from mpge_jax.diagnosis.windows import Source
 
 Array = np.ndarray
 MAX_SAMPLES = 1500
+LEAST_DRIVE = 0.05
+"""Share of what the motion needs at a joint that its actuator gives at least, for the scale of its effects: commands
+may be zero throughout."""
 
 
 def inverse_samples(
@@ -34,6 +38,8 @@ def inverse_samples(
             data.qpos[:], data.qvel[:] = s.states.qpos[row], s.states.qvel[row]
             data.qacc[:] = s.states.qacc[row]
             data.ctrl[:] = 0.5 * (s.command[row] + s.command[max(row - 1, 0)])
+            if model.na:
+                data.act[:] = activation(model, s, row)
             mujoco.mj_inverse(model, data)
             mujoco.mj_fwdActuation(model, data)
             q.append(data.qpos.copy())
@@ -66,6 +72,22 @@ def _rms(x: Array, floor: float) -> Array:
     return np.maximum(np.sqrt((np.minimum(np.abs(x), cap) ** 2).mean(0)), floor)
 
 
+def _moments(model: mujoco.MjModel) -> Array:
+    """Moments [nu, nv] of the actuators in the model's own pose."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return moments(model, data)
+
+
+def _reach(model: mujoco.MjModel, torque: Array) -> Array:
+    """Force [nu] by which each actuator alone would give one of its joints what the motion needs (`torque` [nv])."""
+    out = np.zeros(model.nu)
+    for a, moment in enumerate(np.abs(_moments(model))):
+        moved = moment > 1e-9
+        out[a] = np.max(torque[moved] / moment[moved], initial=0.0)
+    return out
+
+
 def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ...]) -> Context:
     """Scales of forces, speeds and ranges for this model and these recordings."""
     base = nominal_context(model)
@@ -73,10 +95,8 @@ def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ..
     weight = float(np.linalg.norm(model.opt.gravity)) * base.mass
     scale = _rms(needed, 1e-6)
     if len(drive):
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
         typical = _rms(drive, 0.0)
-        for a, moment in enumerate(moments(model, data)):
+        for a, moment in enumerate(_moments(model)):
             scale = np.maximum(scale, 0.5 * np.abs(moment) * float(typical[a]))
     travel = np.ptp(samples.q, axis=0) if len(samples.q) else np.ones(model.nq)
     travel_dof = np.ones(model.nv)
@@ -84,6 +104,7 @@ def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ..
         if is_scalar(model, j):
             travel_dof[model.jnt_dofadr[j]] = travel[model.jnt_qposadr[j]]
     largest = np.quantile(np.abs(drive), 0.98, axis=0) if len(drive) else np.ones(model.nu)
+    largest = np.maximum(largest, LEAST_DRIVE * _reach(model, scale))
     steps = np.concatenate([np.diff(s.recording.time) for s in sources])
     floor = 1e-3 * float(scale.max())
     # where a column was never measured, nobody knows what touched

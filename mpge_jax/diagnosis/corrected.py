@@ -43,7 +43,7 @@ class CorrectedModel:
         for entry in effects:
             try:
                 effect = REGISTRY[entry.get("form", entry["id"])]
-                place = find_place(ctx, effect, entry["at"])
+                place = find_place(ctx, effect, entry["at"], entry.get("kind"))
                 parts[Term(effect.id, place)] = effect.from_report(ctx, place, entry["parameters"])
             except KeyError as error:
                 raise InputError(

@@ -38,6 +38,7 @@ from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.prepare import Prepared, is_servo, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
 from mpge_jax.diagnosis.recording import Recording, validate
+from mpge_jax.diagnosis.rigid import name_nearest
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
 from mpge_jax.diagnosis.search import search
 from mpge_jax.diagnosis.select import Rival, Scored, Search
@@ -315,6 +316,7 @@ def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term
     """The final fit with its rivals, after exchanging terms for rivals that predict clearly better."""
     for left in reversed(range(EXCHANGES + 1)):
         f, whites = final_fit(s, prune(s, f))
+        f = name_nearest(s.sim.ctx, f)
         best = s.score([f], whites)[0]
         rivals = find_rivals(s, best, whites, last)
         better = better_rival(rivals)

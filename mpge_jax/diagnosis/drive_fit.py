@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, St
 from mpge_jax.diagnosis.evidence import rare
 from mpge_jax.diagnosis.fit import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import is_joint_transmission
+from mpge_jax.diagnosis.model import clipped, is_joint_transmission
 from mpge_jax.diagnosis.windows import Source
 
 Array = np.ndarray
@@ -75,7 +75,9 @@ def log_of(source: Source, ctx: Context, actuator: int, dt: float, first_block: 
         return None
     t = r.time
     grid = np.arange(t[0], t[-1] + 2 * dt, dt)
-    u = r.known("ctrl")[np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, t.size - 1), actuator]
+    u = clipped(m, r.known("ctrl"))[
+        np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, t.size - 1), actuator
+    ]
     length = speed = np.zeros(t.size)
     if is_joint_transmission(m, actuator):
         joint, gear = int(m.actuator_trnid[actuator, 0]), float(m.actuator_gear[actuator, 0])
@@ -99,6 +101,7 @@ def predict(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, log: 
             u = term.effect.timeline(ctx, term.place, theta, u, dt)
         term.effect.model(table, ctx, term.place, theta)
     command = u[0][log.at]
+    # an effect may add to what was clipped already
     if model.actuator_ctrllimited[actuator]:
         command = np.clip(command, *model.actuator_ctrlrange[actuator])
     gain = table.values["actuator_gainprm"][0, actuator]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 
 from mpge_jax import files
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.hypothesis import Term
 
 if TYPE_CHECKING:
@@ -25,10 +28,17 @@ def corrected_spec(d: Diagnosis) -> tuple[mujoco.MjSpec, dict[Term, bool]]:
     native: dict[Term, bool] = {}
     parts = d.fit.hypothesis.split(d.ctx, d.fit.theta)
     for term, theta in parts.items():
-        native[term] = term.effect.export(spec, d.ctx, term.place, theta)
+        native[term] = term.effect.export(spec, _as_given(d), term.place, theta)
     if d.actuators is not None:
         native |= d.actuators.export(spec)
     return spec, native
+
+
+def _as_given(d: Diagnosis) -> Context:
+    """The machine with its own timestep: what is written depends on that, not on the step of the fit."""
+    model = copy.copy(d.ctx.model)
+    model.opt.timestep = d.prepared.timestep
+    return replace(d.ctx, model=model)
 
 
 def write_models(d: Diagnosis, folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -39,6 +40,12 @@ def _explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     if spec.option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL):
         for actuator in spec.actuators:
             actuator.ctrllimited = int(mujoco.mjtLimited.mjLIMITED_FALSE)
+    ratios = [actuator for actuator in spec.actuators if actuator.biasprm[2] > 0]
+    if ratios:
+        # a damping ratio would follow masses that are changed
+        compiled = spec.compile()
+        for actuator in ratios:
+            actuator.biasprm = compiled.actuator_biasprm[actuator.id]
     return spec
 
 
@@ -70,6 +77,11 @@ def compile_variable(spec: mujoco.MjSpec) -> mujoco.MjModel:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"MuJoCo cannot compile the model: {' '.join(str(error).split())}") from None
+    if not model.nu == model.nactuator == model.nout:
+        raise InputError(
+            "the model has actuators with several inputs or outputs (pid, orientation), which are not supported; "
+            "replace them by motors or servos."
+        )
     if model.nv == 0:
         raise InputError("the model has no joint, so there is nothing to diagnose.")
     return model
@@ -115,13 +127,23 @@ def is_joint_transmission(model: mujoco.MjModel, actuator: int) -> bool:
 
 
 def has_plain_law(model: mujoco.MjModel, a: int) -> bool:
-    """Whether an actuator's force is a function of its command and of its joint's position and velocity."""
+    """Whether an actuator's force is a function of its command and, if any, its joint's position and velocity."""
     no_state = model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
     fixed = model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
     bias = model.actuator_biastype[a]
     linear = bias == mujoco.mjtBias.mjBIAS_NONE or bias == mujoco.mjtBias.mjBIAS_AFFINE
     at_once = model.actuator_delay[a] == 0 and model.actuator_plugin[a] < 0
-    return bool(no_state and fixed and linear and at_once and is_joint_transmission(model, a))
+    # without a bias, what it drives does not matter
+    known = bias == mujoco.mjtBias.mjBIAS_NONE or is_joint_transmission(model, a)
+    return bool(no_state and fixed and linear and at_once and known)
+
+
+def clipped(model: mujoco.MjModel, ctrl: Any, xp: Any = np) -> Any:
+    """Commands [..., nu] within the limits of the actuators that have any; whatever a drive does, it does to these."""
+    limited = model.actuator_ctrllimited.astype(bool)
+    low = np.where(limited, model.actuator_ctrlrange[:, 0], -np.inf)
+    high = np.where(limited, model.actuator_ctrlrange[:, 1], np.inf)
+    return xp.clip(ctrl, low, high)
 
 
 def is_scalar(model: mujoco.MjModel, joint: int) -> bool:

@@ -9,14 +9,21 @@ import numpy as np
 
 from mpge_jax.diagnosis.activations import settling
 from mpge_jax.diagnosis.candidates import all_terms
-from mpge_jax.diagnosis.checks import check_commands, check_copies, check_forces, check_model, check_motion
+from mpge_jax.diagnosis.checks import (
+    check_base,
+    check_commands,
+    check_copies,
+    check_forces,
+    check_model,
+    check_motion,
+)
 from mpge_jax.diagnosis.clock import at_their_stamps
 from mpge_jax.diagnosis.coarse import as_large_as_motion, bound, holds_states, is_coarse, states_as_measured
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.context import build_context
 from mpge_jax.diagnosis.effects.base import Context
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.model import Names, compile_variable, has_plain_law, load_spec, names_of
+from mpge_jax.diagnosis.model import Names, clipped, compile_variable, has_plain_law, load_spec, names_of
 from mpge_jax.diagnosis.noise import MIN_ROWS
 from mpge_jax.diagnosis.recording import Recording, rows_of
 from mpge_jax.diagnosis.simulate import Simulator
@@ -75,6 +82,9 @@ def drive_by_force(spec: mujoco.MjSpec, measured: np.ndarray) -> mujoco.MjSpec:
     """A copy in which actuators with measured forces pass on their command as force, and none has a delay: windows
     would begin with its buffer empty, so that `Source` delays the commands instead."""
     spec = spec.copy()
+    # they may hold activations of drives that have none any more
+    for key in list(spec.keys):
+        spec.delete(key)
     for actuator in spec.actuators:
         actuator.delay, actuator.nsample = 0.0, 0
         if not measured[actuator.id]:
@@ -84,13 +94,13 @@ def drive_by_force(spec: mujoco.MjSpec, measured: np.ndarray) -> mujoco.MjSpec:
         actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE
         actuator.gainprm = [1.0, *([0.0] * (len(actuator.gainprm) - 1))]
         actuator.biasprm = [0.0] * len(actuator.biasprm)
-        actuator.ctrllimited = actuator.forcelimited = 0
+        actuator.ctrllimited = actuator.forcelimited = actuator.actlimited = 0
+        actuator.actrange, actuator.actearly = [0.0, 0.0], False
     return spec
 
 
-def _command(r: Recording, measured: np.ndarray) -> np.ndarray:
-    rows, nu = r.time.size, measured.size
-    command = np.zeros((rows, nu)) if r.ctrl is None else r.ctrl.astype(float).copy()
+def _command(r: Recording, plain: mujoco.MjModel, measured: np.ndarray) -> np.ndarray:
+    command = np.zeros((r.time.size, plain.nu)) if r.ctrl is None else clipped(plain, r.ctrl)
     for a in np.flatnonzero(measured):
         force = r.known("force")[:, a]
         good = np.isfinite(force)
@@ -106,7 +116,7 @@ def follows(model: mujoco.MjModel) -> np.ndarray:
 
 
 def _source(r: Recording, states: States, plain: mujoco.MjModel, measured: np.ndarray) -> Source:
-    command = _command(r, measured)
+    command = _command(r, plain, measured)
     smooth = _smooth_part(r, states, command, plain, np.ones(plain.nu))
     late = np.where(measured, 0.0, plain.actuator_delay)
     return Source.build(r, states, command, np.where(measured & follows(plain), smooth, 0.0), late=late)
@@ -231,6 +241,7 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     check_copies(train, held, warnings)
     measured = measured_forces(recordings, plain)
     check_commands(recordings, measured, names)
+    check_base(recordings, plain, names)
     check_forces(recordings, measured, names, warnings)
     model = compile_variable(drive_by_force(spec, measured))
     train, held = _thin(train, warnings), _thin(held, warnings)

@@ -8,6 +8,7 @@ from mpge_jax.diagnosis.evidence import EVIDENCE, standard_error
 from mpge_jax.diagnosis.fit import Fitted, evaluate, fit
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_joint_transmission
+from mpge_jax.diagnosis.rigid import same_body
 from mpge_jax.diagnosis.select import (
     KEEP_OF_MANY,
     MANY,
@@ -133,6 +134,8 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
         return Rival(
             other, rival.fit, margin, error, "it misses the few moments at which something is missing"
         )
+    if same_body(s.sim.ctx, term, other):
+        return Rival(other, rival.fit, margin, error, "it is the same rigid body under another name")
     if other.place == term.place and other.id in SPECIAL_CASES.get(term.id, ()):
         why = f"it contains {term.name.replace('_', ' ')} as a special case and gains nothing by its further parameters"
         return Rival(other, rival.fit, margin, error, why)

@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.evidence import EVIDENCE, SEVERAL, deviations, rare, stand_out, standard_error, strong
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, evaluate, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.rigid import one_of_each
 from mpge_jax.diagnosis.screen import ELABORATE, screen
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.states import Noise
@@ -36,6 +37,8 @@ SIGNIFICANT = 3.0
 SMALL = 0.02
 """Share of the nominal error by which a further effect must move predictions; less is detail of what is known
 (friction law, timestep, integrator), which a wrong effect can imitate."""
+LOUD = 1.5
+"""Mean loss at one degree of freedom beyond which something may be missing there."""
 QUIET, SETTLED = 1.1, 1.25
 """Mean loss of a model from which nothing is missing, as given and with effects that were found (whose law is never
 exact to the noise). It leaves too little for an effect to be `needed`."""
@@ -139,7 +142,7 @@ class Search:
 
     def screened(self, base: Fitted, white: Whitener, terms: list[Term]) -> list[Fitted]:
         """Quick fits on a sample of the training windows, best first."""
-        return screen(self.sim, base, terms, *self.sample(base, white))
+        return one_of_each(self.sim.ctx, screen(self.sim, base, terms, *self.sample(base, white)))
 
     def compete(self, base: Fitted, terms: list[Term], keep: int = KEEP) -> tuple[list[Scored], Scored]:
         """Fit the most promising `terms` on top of `base`, each judged under the winner's own whitening.
@@ -151,7 +154,7 @@ class Search:
             return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
         terms = [t for t in terms if compatible(base.hypothesis, t)]
         sample = self.sample(base, white)
-        screened = screen(self.sim, base, terms, *sample)
+        screened = one_of_each(self.sim.ctx, screen(self.sim, base, terms, *sample))
         before = evaluate(self.sim, [base], *sample)[0].loss
         if base.hypothesis.terms and (
             not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)
@@ -180,11 +183,16 @@ class Search:
         outlying = 0
         for w in (self.train, self.held):
             white = white if w is self.train else self.whiten_one(base, w)
-            x = evaluate(self.sim, [base], w, white)[0].x
-            limit = SETTLED if base.hypothesis.terms else QUIET
+            flat = white(self.sim.residuals([Run(base.hypothesis, base.theta)], w))[0]
+            x, limit = white.excess(flat), SETTLED if base.hypothesis.terms else QUIET
+            # in a large machine, what one joint lacks drowns in the mean over all
+            each = robust_loss(white.by_dof(flat, self.sim.model.nv)).mean(0)
+            if not base.hypothesis.terms and each.max() > LOUD:
+                return False
             outlying += int(stand_out(robust_loss(x)).sum())
             # a tempered whitener, or an overestimated noise, says nothing
-            if white.factor != 1.0 or np.median(x) < 0.5 or robust_loss(x).mean() > limit:
+            little = np.median(x) < 0.5 and not white.inexact
+            if white.factor != 1.0 or little or robust_loss(x).mean() > limit:
                 return self._at_floor(base)
         return outlying < SEVERAL or self._at_floor(base)
 

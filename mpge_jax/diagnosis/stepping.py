@@ -11,7 +11,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Array, Context, Fields, Step
 from mpge_jax.diagnosis.effects.native import field_of
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.model import clipped, has_plain_law, is_joint_transmission
 
 
 class ModelFields(Fields):
@@ -76,6 +76,7 @@ class Machine:
 
 
 def command_start(xp: Any, m: Machine, ctrl: Array, dt: float) -> tuple[Any, ...]:
+    ctrl = clipped(m.model, ctrl, xp)
     return tuple(t.effect.command_memory(xp, m.ctx, t.place, ctrl[t.place.index], dt) for t, _ in m.commanded)
 
 
@@ -83,6 +84,7 @@ def command_step(
     xp: Any, m: Machine, ctrl: Array, memory: tuple[Any, ...], dt: float
 ) -> tuple[Array, tuple[Any, ...]]:
     """Commands [nu] that reach the actuators in this step."""
+    ctrl = clipped(m.model, ctrl, xp)
     out = [ctrl[a] for a in range(m.model.nu)]
     kept = []
     for (term, theta), old in zip(m.commanded, memory, strict=True):

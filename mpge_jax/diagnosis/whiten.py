@@ -24,6 +24,9 @@ from mpge_jax.diagnosis.windows import Windows
 Array = np.ndarray
 KAPPA = 5.0
 NUISANCE = 3.0
+INEXACT = 0.03
+"""Share of what the timestep changes (the first nuisance direction) that follows no direction: where drives saturate or
+starts are uncertain, it is not linear. It counts as noise."""
 _CAP = 1e8
 
 
@@ -32,10 +35,11 @@ class Whitener:
     """Whitens residuals of one set of windows.
 
     Attributes:
-        scale: [2 nv] deviations of the noise, infinite for columns that are not compared.
+        scale: [2 nv] or [W, N, 2 nv] deviations of the noise, infinite for columns that are not compared.
         basis: [W, M, k] orthonormal directions. shrink: [W, k]. seen: [W, M] mask.
         count: [W] compared values. expected: [W] chi^2 over count when the hypothesis is true.
         factor: by which tempering enlarged sigma (1: residuals are in units of the noise).
+        inexact: whether most of sigma is what the timestep leaves unknown, and not noise.
     """
 
     scale: Array
@@ -45,10 +49,11 @@ class Whitener:
     count: Array
     expected: Array
     factor: float = 1.0
+    inexact: bool = False
 
     def take(self, index: Array) -> Whitener:
-        parts = {k: getattr(self, k)[index] for k in ("basis", "shrink", "seen", "count", "expected")}
-        return replace(self, **parts)
+        keys = ("basis", "shrink", "seen", "count", "expected", *(("scale",) if self.scale.ndim == 3 else ()))
+        return replace(self, **{k: getattr(self, k)[index] for k in keys})
 
     def plain(self, residual: Array) -> Array:
         """Residuals [..., W, N, 2 nv] in units of noise: [..., W, M], zero where unseen."""
@@ -66,6 +71,11 @@ class Whitener:
     def excess(self, whitened: Array) -> Array:
         """chi^2 of each window over what noise and start alone give: [..., W]."""
         return (whitened**2).sum(-1) / self.count / self.expected
+
+    def by_dof(self, whitened: Array, nv: int) -> Array:
+        """`excess` of each degree of freedom by itself: [W, nv] from whitened residuals [W, M]."""
+        square, seen = (x.reshape(len(whitened), -1, nv).sum(1) for x in (whitened**2, self.seen))
+        return square / np.maximum(seen, 1) / self.expected[:, None]
 
 
 def column_scale(noise: Noise, model) -> Array:
@@ -106,9 +116,15 @@ def whitener(
     """Whitener of windows `w` around a hypothesis.
 
     Args:
-        nuisance: residual-shaped directions [W, N, 2 nv]. temper: enlarge sigma to the hypothesis's own misfit.
+        nuisance: residual-shaped directions [W, N, 2 nv], as `numerics` gives them. temper: enlarge sigma to the
+            hypothesis's own misfit.
     """
-    scale = column_scale(noise, sim.model)
+    scale, inexact = column_scale(noise, sim.model), False
+    if nuisance:
+        unknown = INEXACT * np.abs(np.nan_to_num(nuisance[0]))
+        compared = np.isfinite(nuisance[0]) & np.isfinite(scale)
+        inexact = bool(compared.any() and np.median((unknown > scale)[compared]) > 0.5)
+        scale = np.hypot(scale, unknown)
     res = sim.residuals(start_runs(hypothesis, theta, w), w)
     base = res[0]
     seen = np.isfinite(base) & np.isfinite(scale)
@@ -131,13 +147,14 @@ def whitener(
         # expected chi^2 with the true start covariance (kappa = 1): noise plus start through S^(-1)
         gained = ((bare / factor) ** 2 / (1.0 + s**2)).sum((0, 2))
         expected = (count - (s**2 / (1.0 + s**2)).sum(-1) + gained) / count
-        return Whitener(scale * factor, basis, shrink, flat_seen, count, np.maximum(expected, 0.05), factor)
+        expected = np.maximum(expected, 0.05)
+        return Whitener(scale * factor, basis, shrink, flat_seen, count, expected, factor, inexact)
 
     white, factor = build(1.0), 1.0
     for _ in range(4 if temper else 0):
         median = float(np.median(white.excess(white(base[None])))) if w.count else 1.0
         # well below one, the noise was overestimated (fast motion logged at a low rate looks like noise)
-        if 0.5 <= median <= 1.2 or factor < 1e-3:
+        if 0.5 <= median <= 1.2 or factor < 1e-3 or (inexact and median < 0.5):
             break
         factor *= float(np.sqrt(max(median, 1e-6)))
         white = build(factor)

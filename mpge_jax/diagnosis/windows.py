@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.states import Noise, States
 
 Array = np.ndarray
-HISTORY = 0.3
+HISTORY = 0.8
 """Seconds of commands kept before a window, for delays and lags."""
 
 

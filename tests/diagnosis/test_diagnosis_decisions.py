@@ -408,3 +408,22 @@ def test_variances_are_those_of_leaving_out_each_window():
         _jackknife(precision, parts, scores, 1 / np.sqrt(np.diag(precision))),
         ((moved - theta) ** 2).sum(0) * (windows - 1) / windows,
     )
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """24 intervals of 95 %: that fewer than 20 hold is less likely than 1 in 100."""
+    true, held = {COULOMB: 0.1, DAMPING: 0.03}, 0
+
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[0], model.dof_damping[0] = true[COULOMB], model.dof_damping[0] + true[DAMPING]
+        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+    for seed in range(12):
+        s, p = search_of(PENDULUM, record(PENDULUM, 0.8, change=change, noise=1e-3, seed=seed))
+        near, _ = final_fit(s, fitted(s, {t: [v] for t, v in true.items()}))
+        f = refined(s, near, p.windows(False, p.config.report_s, 60))
+        for t, part in zip(f.hypothesis.terms, f.hypothesis.slices(s.sim.ctx), strict=True):
+            half = 1.96 * np.sqrt(f.cov[part, part][0, 0])
+            held += abs(f.theta[part][0] - true[t]) < half
+            assert half < 0.3 * true[t]
+    assert held >= 20

@@ -64,4 +64,3 @@ def test_what_is_in_one_joint_is_not_sought_in_all():
     one = _fitted(s, {"coulomb_friction@shoulder": float(FRICTION[0])})
     assert not s.at_noise(one, s.whiten_one(one, s.train))
     assert everywhere(s, one) is one
-    assert "everywhere" in s.log[-1]

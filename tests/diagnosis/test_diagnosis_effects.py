@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.corrected import CorrectedModel, CStepper
 from mpge_jax.diagnosis.effects.base import Context, Place, find_place, nominal_context, register
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.jax_engine import CorrectedEngine
-from mpge_jax.diagnosis.model import compile_variable
+from mpge_jax.diagnosis.model import compile_variable, load_spec
 from mpge_jax.diagnosis.stepping import Machine
 
 VALUES = {
@@ -360,3 +360,65 @@ def test_damping_has_an_explicit_form_where_the_timestep_is_coarse():
     inertia = float(ctx.model.dof_M0[0])
     assert form.params(ctx, place)[0].high * 0.008 / inertia == pytest.approx(0.5)
     assert plain.params(ctx, place)[0].high > form.params(ctx, place)[0].high
+
+
+def test_a_lag_smooths_what_the_limits_let_through():
+    """MuJoCo clips a command before its filter."""
+    m = machine("actuator_lag")
+    spec = mujoco.MjSpec.from_string(PENDULUM)
+    spec.compile()
+    assert m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0])
+    model = spec.compile()
+    data, stepper = mujoco.MjData(model), CStepper(m)
+    stepper.reset(np.zeros(1), np.zeros(1))
+    for k in range(40):
+        # before the stepper's first step its filter holds the first command
+        u = np.array([10.0 if k else 0.0])
+        stepper.step(u)
+        data.ctrl[:] = u
+        mujoco.mj_step(model, data)
+    assert data.actuator_force[0] < 1.9
+    np.testing.assert_allclose(stepper.data.qpos, data.qpos, rtol=0.05)
+
+
+def test_damping_ratios_stay_the_damping_that_was_fitted():
+    """A heavier arm has the servo's old damping, not the old ratio."""
+    xml = PENDULUM.replace("<motor", '<position kp="20" dampratio="1"')
+    damping = compile_variable(mujoco.MjSpec.from_string(xml)).actuator_biasprm[0, 2]
+    ctx = nominal_context(compile_variable(load_spec(mujoco.MjSpec.from_string(xml))))
+    spec = load_spec(mujoco.MjSpec.from_string(xml))
+    spec.compile()
+    effect = REGISTRY["armature"]
+    assert effect.export(spec, ctx, effect.places(ctx)[0], np.array([0.05]))
+    again = mujoco.MjModel.from_xml_string(spec.to_xml())
+    assert damping < 0 and again.actuator_biasprm[0, 2] == pytest.approx(damping, rel=1e-5)
+
+
+def test_places_of_one_name_are_told_apart_by_their_kind():
+    xml = PENDULUM.replace('body name="arm"', 'body name="hinge"')
+    entry = {"id": "quadratic_drag", "at": "hinge", "parameters": {"coefficient": 0.1}}
+    kinds = [
+        CorrectedModel.build(mujoco.MjSpec.from_string(xml), [entry | k]).machine.terms[0].place.kind
+        for k in ({"kind": "body"}, {"kind": "joint"}, {})
+    ]
+    assert kinds == ["body", "joint", "joint"]
+
+
+def test_a_dead_muscle_can_be_written():
+    xml = PENDULUM.replace("<motor", '<muscle lengthrange="-2 2"').replace(
+        'ctrlrange="-2 2"', 'ctrlrange="0 1"'
+    )
+    model, _ = _exported(xml, {"dead_actuator": ("motor", [])})
+    data = mujoco.MjData(model)
+    data.ctrl[:], data.act[:] = 1.0, 1.0
+    mujoco.mj_forward(model, data)
+    assert data.actuator_force[0] == 0.0
+
+
+def test_what_a_dead_zone_lets_through_is_no_force_of_its_own():
+    """Of a servo on a tendon only the last step's force is known, which is what the dead zone left."""
+    tendon = '<tendon><fixed name="t"><joint joint="hinge" coef="1"/></fixed></tendon><actuator>'
+    xml = PENDULUM.replace("<actuator>", tendon).replace("<motor", '<position kp="2"')
+    xml = xml.replace('joint="hinge" ctrlrange', 'tendon="t" ctrlrange')
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+    assert REGISTRY["actuator_deadzone"].places(ctx) == []

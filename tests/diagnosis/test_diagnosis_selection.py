@@ -21,9 +21,10 @@ from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.select import SMALL
+from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.states import States, estimate
 from mpge_jax.diagnosis.telling import SCREEN_WINDOWS, screen_windows
-from mpge_jax.diagnosis.whiten import column_scale
+from mpge_jax.diagnosis.whiten import column_scale, robust_loss, whitener
 from mpge_jax.diagnosis.windows import Source
 
 FLYER = """<mujoco><option timestep="0.004" gravity="0 0 0"/><worldbody><body name="frame"><freejoint/>
@@ -172,3 +173,24 @@ def test_screening_looks_where_something_happens():
     index = screen_windows(x, np.random.default_rng(0))
     assert {7, 19, 33} <= set(index.tolist())
     assert len(set(index.tolist())) == SCREEN_WINDOWS
+
+
+STIFF = SERVO.replace('kp="20"', 'kp="80" kv="2" forcerange="-1.5 1.5"').replace(
+    'timestep="0.002"', 'timestep="0.004"'
+)
+
+
+def test_what_a_coarse_timestep_gets_wrong_is_noise_where_it_is_not_linear():
+    """A servo that saturates, recorded from four times finer steps, lacks nothing."""
+    p = _prepared(STIFF, record(STIFF, 0.8, noise=1e-5))
+    s = _search(p)
+    residual = p.sim.residuals([Run(NOTHING.hypothesis, NOTHING.theta)], s.held)
+    around = (p.sim, NOTHING.hypothesis, NOTHING.theta, s.held, p.noise)
+    plain = whitener(*around, temper=False)
+    white = s.whiten_one(NOTHING, s.held, temper=False)
+    loss = [robust_loss(w.excess(w(residual))[0]).mean() for w in (plain, white)]
+    assert loss[0] > 5.0 and loss[1] < 1.5
+    assert (
+        white.scale.shape == residual.shape[1:]
+        and (white.take(np.array([0, 2])).scale == white.scale[[0, 2]]).all()
+    )

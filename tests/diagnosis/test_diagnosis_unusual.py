@@ -12,13 +12,16 @@ from machines import BOX, PENDULUM, record
 
 from mpge_jax.diagnosis import Config, InputError, Recording, diagnose
 from mpge_jax.diagnosis.actuator_side import diagnose_actuators
+from mpge_jax.diagnosis.checks import check_base
 from mpge_jax.diagnosis.contacts import allowed_pairs
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
 from mpge_jax.diagnosis.export import _text
-from mpge_jax.diagnosis.fit import NOTHING
+from mpge_jax.diagnosis.fit import NOTHING, Fitted
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.prepare import Prepared, prepare
+from mpge_jax.diagnosis.prepare import Prepared, drive_by_force, prepare
 from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.rigid import name_nearest, one_of_each, same_body
 from mpge_jax.diagnosis.verdict import errors
 from mpge_jax.diagnosis.windows import _spans
 
@@ -207,3 +210,80 @@ def test_a_delay_in_the_model_is_filled_with_the_commands_before_a_window():
     spec = mujoco.MjSpec.from_string(xml)
     assert REGISTRY["actuator_delay"].export(spec, p.ctx, Place("actuator", "motor", 0), np.array([0.01]))
     assert spec.compile().actuator_delay[0] == pytest.approx(0.04)
+
+
+def test_forces_may_drive_what_had_a_state_and_a_keyframe():
+    xml = PENDULUM.replace("<motor", '<intvelocity kp="5" actrange="-1 1"')
+    xml = xml.replace("</mujoco>", '<keyframe><key name="home" qpos="0.1" act="0.2"/></keyframe></mujoco>')
+    model = compile_variable(drive_by_force(mujoco.MjSpec.from_string(xml), np.array([True])))
+    assert model.na == 0 and model.actuator_gainprm[0, 0] == 1.0
+
+
+def test_actuators_with_several_inputs_are_refused():
+    xml = PENDULUM.replace("<motor", '<pid kp="5"').replace('ctrlrange="-2 2" ctrllimited="true"', "")
+    with pytest.raises(InputError, match="several inputs or outputs"):
+        compile_variable(mujoco.MjSpec.from_string(xml))
+
+
+@pytest.mark.parametrize(
+    "xml", [PENDULUM, PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')]
+)
+@pytest.mark.parametrize("size", [0.0, 1.2])
+def test_drives_have_a_size_whatever_they_are_told(xml, size):
+    """A bias shows best where the command is zero."""
+    bias = 0.3
+    p = prepared(xml, record(PENDULUM, size, force=lambda _, data: data.qfrc_applied.__setitem__(0, bias)))
+    effect = REGISTRY["actuator_bias"]
+    (param,) = effect.params(p.ctx, effect.places(p.ctx)[0])
+    assert bias < param.high < 1000 * bias and param.scale < bias
+
+
+REACHER = """<mujoco><worldbody><body name="link"><joint name="j" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass=".5" contype="0" conaffinity="0"/>
+<body name="hand" pos=".3 0 0" euler="0 90 0">
+<geom type="box" size=".02 .02 .05" mass=".2" contype="0" conaffinity="0"/>
+</body></body></worldbody><actuator><motor joint="j"/></actuator></mujoco>"""
+
+
+def test_a_mass_on_a_rigid_body_is_named_once_and_at_the_nearest_part():
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(REACHER)))
+    link, hand = (Term("payload_mass", p) for p in REGISTRY["payload_mass"].places(ctx))
+    assert same_body(ctx, link, hand) and not same_body(ctx, link, Term("com_offset", hand.place))
+    bias = Term("actuator_bias", REGISTRY["actuator_bias"].places(ctx)[0])
+    h = Hypothesis.of(link, bias)
+    cov = np.diag([1e-4, 1e-6, 4e-6, 9e-6, 25e-6])  # mass and position of the payload, then the bias
+    order = [t.id for t in h.terms]
+    parts = {link: np.array([0.1, 0.35, 0.02, 0.0]), bias: np.array([0.3])}
+    theta = h.gather(ctx, parts)
+    cov = cov if order[0] == "payload_mass" else np.diag([25e-6, 1e-4, 1e-6, 4e-6, 9e-6])
+    f = name_nearest(ctx, Fitted(h, theta, theta.copy(), cov=cov))
+    found = f.hypothesis.split(ctx, f.theta)
+    # the hand's x axis points down, its z axis along the link
+    np.testing.assert_allclose(found[hand], [0.1, 0.0, 0.02, 0.05], atol=1e-12)
+    assert found[bias] == [0.3]
+    part = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(hand)]
+    np.testing.assert_allclose(np.diag(f.cov[part, part]), [1e-4, 9e-6, 4e-6, 1e-6], atol=1e-15)
+    again = name_nearest(ctx, f)
+    assert again is f
+    alone = [Fitted(Hypothesis.of(t), np.zeros(4), np.zeros(4)) for t in (hand, link)]
+    assert one_of_each(ctx, alone) == alone[:1]
+
+
+def test_the_pose_of_a_base_must_be_measured_where_it_matters():
+    xml = """<mujoco><worldbody><geom type="plane" size="5 5 1"/><body name="trunk" pos="0 0 .3">
+    <freejoint name="root"/><geom type="box" size=".2 .1 .05"/><body pos=".2 0 0"><joint name="leg" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.24" size=".02"/></body></body></worldbody>
+    <actuator><motor joint="leg"/></actuator></mujoco>"""
+    model = compile_variable(mujoco.MjSpec.from_string(xml))
+    qpos = np.tile(model.qpos0, (20, 1))
+    for columns, refused in (([0, 1], False), ([2], True), ([0, 1, 2, 3, 4, 5, 6], True)):
+        seen = qpos.copy()
+        seen[:, columns] = np.nan
+        recordings = [Recording("run", 0.01 * np.arange(20), seen, None, np.zeros((20, 1)))]
+        if refused:
+            with pytest.raises(
+                InputError, match=r"the pose of its base \('root'\), which was never measured"
+            ):
+                check_base(recordings, model, names_of(model))
+        else:
+            check_base(recordings, model, names_of(model))

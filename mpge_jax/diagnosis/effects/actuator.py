@@ -10,7 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-from mpge_jax.diagnosis.model import is_joint_transmission
+from mpge_jax.diagnosis.model import has_plain_law, is_joint_transmission
 
 _AFFINE = int(mujoco.mjtBias.mjBIAS_AFFINE)
 _NO_BIAS = int(mujoco.mjtBias.mjBIAS_NONE)
@@ -80,8 +80,10 @@ class DeadActuator(OfActuator):
     remedy = "steps of command at rest"
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        # of a muscle's numbers, its peak force; its other ones must stay what they are
+        muscle = ctx.model.actuator_gaintype[place.index] == mujoco.mjtGain.mjGAIN_MUSCLE
         for name in self.fields:
-            f.scale(name, (place.index,), 0.0)
+            f.scale(name, (place.index, 2) if muscle else (place.index,), 0.0)
 
 
 @register
@@ -198,6 +200,10 @@ class ActuatorDeadzone(OfActuator):
     equation = "sign(tau) max(|tau| - width, 0)"
     says = "The actuator {at} ignores forces smaller than {width}."
     remedy = "commands of small and of large amplitude"
+
+    def places(self, ctx: Context) -> list[Place]:
+        """Drives whose force is known before it is lost: of others, the last step's force would be what was left."""
+        return [p for p in super().places(ctx) if has_plain_law(ctx.model, p.index)]
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         d = _size(ctx, place)

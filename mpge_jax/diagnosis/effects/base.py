@@ -202,10 +202,10 @@ def register(effect: type[Effect]) -> type[Effect]:
     return effect
 
 
-def find_place(ctx: Context, effect: Effect, name: str) -> Place:
-    """The place of that name, of the kinds on which the effect acts."""
-    for kind in effect.kinds:
-        for place in all_places(ctx, kind):
+def find_place(ctx: Context, effect: Effect, name: str, kind: str | None = None) -> Place:
+    """The place of that name, of a kind, or of the first on which the effect acts."""
+    for which in effect.kinds if kind is None else (kind,):
+        for place in all_places(ctx, which):
             if place.name == name:
                 return place
     raise ValueError(
