@@ -34,43 +34,56 @@ def settling(source: Source, model: mujoco.MjModel) -> float:
     return min(longest, UNSETTLED * source.recording.duration)
 
 
-def activation(model: mujoco.MjModel, source: Source, row: int) -> Array:
-    """Activations of the nominal model's own filters at a row, from the commands before it."""
-    act, taus = np.zeros(model.na), time_constants(model)
-    t, kinds = source.recording.time, model.actuator_dyntype
+def activations(model: mujoco.MjModel, source: Source) -> Array:
+    """Activations [T, na] of the nominal model's own filters along a recording, from its commands."""
+    t, kinds, taus = source.recording.time, model.actuator_dyntype, time_constants(model)
+    out = np.zeros((t.size, model.na))
+    if not model.na or t.size < 2:
+        return out
+    commands, steps = source.mean_command(t), np.diff(t)
     for a in range(model.nu):
-        adr, tau = int(model.actuator_actadr[a]), float(taus[a])
-        if adr < 0 or (tau == 0 and kinds[a] != mujoco.mjtDyn.mjDYN_INTEGRATOR):
+        adr = int(model.actuator_actadr[a])
+        integrates = kinds[a] == mujoco.mjtDyn.mjDYN_INTEGRATOR
+        if adr < 0 or not (integrates or taus[a] > 0):
             continue
-        first = int(np.searchsorted(t, t[row] - 10 * tau)) if tau > 0 else 0
-        commands, steps = _reached(source, a, first, row), np.diff(t[first : row + 1])
-        known = None if source.activation is None or first else float(source.activation[adr])
-        if tau == 0:
-            act[adr] = _integrated(model, a, known or 0.0, commands * steps)
-            continue
-        x = float(source.command[first, a]) if known is None else known
-        for u, step in zip(commands, steps, strict=True):
-            if kinds[a] == mujoco.mjtDyn.mjDYN_MUSCLE:
-                parts = max(int(np.ceil(step / model.opt.timestep)), 1)
-                for _ in range(parts):
-                    x += step / parts * mujoco.mju_muscleDynamics(u, x, model.actuator_dynprm[a, :3])
-            else:
-                x = u + (x - u) * np.exp(-step / tau)
-        act[adr] = x
-    return act
+        known = None if source.activation is None else float(source.activation[adr])
+        # an integrator's start is unknown, a filter follows its command
+        start = (0.0 if integrates else float(source.command[0, a])) if known is None else known
+        if integrates:
+            out[:, adr] = _integrated(model, a, start, commands[:, a] * steps)
+        elif kinds[a] == mujoco.mjtDyn.mjDYN_MUSCLE:
+            out[:, adr] = _muscle(model, a, start, commands[:, a], steps)
+        else:
+            out[:, adr] = _filtered(start, commands[:, a], np.exp(-steps / taus[a]))
+    return out
 
 
-def _integrated(model: mujoco.MjModel, a: int, start: float, changes: Array) -> float:
-    """An integrator's activation after changes [L] from its start, inside its limits at every one."""
+def _filtered(x: float, commands: Array, decays: Array) -> Array:
+    """A first-order filter's states [L + 1] under held commands [L]."""
+    out = [x]
+    for u, decay in zip(commands.tolist(), decays.tolist(), strict=True):
+        x = u + (x - u) * decay
+        out.append(x)
+    return np.array(out)
+
+
+def _muscle(model: mujoco.MjModel, a: int, x: float, commands: Array, steps: Array) -> Array:
+    """A muscle's activations [L + 1], in steps of the model's length."""
+    out = [x]
+    for u, step in zip(commands.tolist(), steps.tolist(), strict=True):
+        parts = max(int(np.ceil(step / model.opt.timestep)), 1)
+        for _ in range(parts):
+            x += step / parts * mujoco.mju_muscleDynamics(u, x, model.actuator_dynprm[a, :3])
+        out.append(x)
+    return np.array(out)
+
+
+def _integrated(model: mujoco.MjModel, a: int, start: float, changes: Array) -> Array:
+    """An integrator's activations [L + 1] after changes [L], inside its limits at every one."""
     if not model.actuator_actlimited[a]:
-        return start + float(changes.sum())
-    for change in changes:
-        start = float(np.clip(start + change, *model.actuator_actrange[a]))
-    return start
-
-
-def _reached(source: Source, a: int, first: int, row: int) -> Array:
-    """Mean commands [row - first] that reach actuator `a` between consecutive rows, as late as the model has it."""
-    if row <= first:
-        return np.zeros(0)
-    return source.mean_command(source.recording.time[first : row + 1])[:, a]
+        return start + np.concatenate([[0.0], np.cumsum(changes)])
+    out = [start]
+    low, high = model.actuator_actrange[a]
+    for change in changes.tolist():
+        out.append(min(max(out[-1] + change, low), high))
+    return np.array(out)

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.drive_fit import Data, Log, log_of, residual, search_law, what_is_left
+from mpge_jax.diagnosis.drive_fit import Data, Log, log_of, residual, search_law, unexplained_drive
 from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, timing_error
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
@@ -90,8 +90,8 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         place = Place("actuator", p.names.actuators[a], int(a))
         if not has_plain_law(nominal, int(a)):
             p.warnings.append(
-                f"how {place.name} turns commands into force is not checked: in the model it has a state, a delay, or "
-                "acts on more than one joint."
+                f"how {place.name} turns commands into force is not checked: in the model it has a state or a delay, "
+                "or its force depends on more than one joint."
             )
             continue
         logs: dict[bool, list[Log]] = {False: [], True: []}
@@ -117,7 +117,7 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         after = residual(nominal, ctx, f, int(a), data.held, data) * sigma
         rms = (float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2))))
         out.errors[place.name] = rms
-        left = what_is_left(nominal, ctx, f, int(a), data)
+        left = unexplained_drive(nominal, ctx, f, int(a), data)
         if left is not None:
             out.left.append({**left, "at": [place.name]})
         if not f.hypothesis.terms:

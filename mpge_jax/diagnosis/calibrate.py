@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import mannwhitneyu, norm
 
-from mpge_jax.diagnosis.activations import activation
+from mpge_jax.diagnosis.activations import activations
 from mpge_jax.diagnosis.coarse import states_as_measured
 from mpge_jax.diagnosis.evidence import SEVERAL
 from mpge_jax.diagnosis.fit import Fitted
-from mpge_jax.diagnosis.model import compile_variable
+from mpge_jax.diagnosis.model import compile_variable, has_plain_law
 from mpge_jax.diagnosis.noise import column_noise
-from mpge_jax.diagnosis.prepare import Prepared, has_plain_law, plain_force
+from mpge_jax.diagnosis.prepare import Prepared, plain_force
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.rotations import integrate
 from mpge_jax.diagnosis.simulate import Run
@@ -86,7 +86,8 @@ def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int
     rows = [
         w.sources[k].recording.time.searchsorted(t + 1e-9) for k, t in zip(w.source, w.start, strict=True)
     ]
-    filled = [activation(sim.model, w.sources[k], row) for k, row in zip(w.source, rows, strict=True)]
+    along = {k: activations(sim.model, w.sources[k]) for k in set(w.source.tolist())}
+    filled = [along[k][row] for k, row in zip(w.source, rows, strict=True)]
     simulated = zip(_simulated(prepared, f, w, shaken, rng), filled, strict=True)
     kept = [(r, act) for r, act in simulated if r.time.size >= 14]
     if not kept:

@@ -59,9 +59,11 @@ def holds_states(recordings: list[Recording], model: mujoco.MjModel, noise: Nois
 
 def as_large_as_motion(recordings: list[Recording], noise: Noise) -> Noise:
     """Noise of which nothing is known but that it is less than the motion: what `bound` starts from."""
+    rows = [np.concatenate([r.known(k) for r in recordings]) for k in ("qpos", "qvel")]
+    seen = [np.isfinite(x) for x in rows]
     spread = [
-        np.nan_to_num(np.ptp(np.concatenate([r.known(k) for r in recordings]), axis=0))
-        for k in ("qpos", "qvel")
+        np.maximum(np.where(s, x, -np.inf).max(0) - np.where(s, x, np.inf).min(0), 0.0)
+        for x, s in zip(rows, seen, strict=True)
     ]
     known = np.isfinite(noise.qvel)
     return replace(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.activations import activation
+from mpge_jax.diagnosis.activations import activations
 from mpge_jax.diagnosis.contacts import touching_pairs
 from mpge_jax.diagnosis.effects.base import Context, Samples, nominal_context
 from mpge_jax.diagnosis.model import Names, is_scalar, moments
@@ -33,13 +33,14 @@ def inverse_samples(
     q, v, a, residual, needed, drive, speed = [], [], [], [], [], [], []
     for s in sources:
         # a transition has no inner row
+        held = activations(model, s)
         inner = range(1, s.recording.time.size - 1, stride) if s.recording.time.size > 2 else range(1)
         for row in inner:
             data.qpos[:], data.qvel[:] = s.states.qpos[row], s.states.qvel[row]
             data.qacc[:] = s.states.qacc[row]
             data.ctrl[:] = 0.5 * (s.command[row] + s.command[max(row - 1, 0)])
             if model.na:
-                data.act[:] = activation(model, s, row)
+                data.act[:] = held[row]
             mujoco.mj_inverse(model, data)
             mujoco.mj_fwdActuation(model, data)
             q.append(data.qpos.copy())
@@ -80,12 +81,9 @@ def _moments(model: mujoco.MjModel) -> Array:
 
 
 def _reach(model: mujoco.MjModel, torque: Array) -> Array:
-    """Force [nu] by which each actuator alone would give one of its joints what the motion needs (`torque` [nv])."""
-    out = np.zeros(model.nu)
-    for a, moment in enumerate(np.abs(_moments(model))):
-        moved = moment > 1e-9
-        out[a] = np.max(torque[moved] / moment[moved], initial=0.0)
-    return out
+    """Force [nu] by which each actuator alone would best give what the motion needs (`torque` [nv])."""
+    arms = np.abs(_moments(model))
+    return arms @ torque / np.maximum((arms**2).sum(1), 1e-18)
 
 
 def build_context(model: mujoco.MjModel, names: Names, sources: tuple[Source, ...]) -> Context:

@@ -37,7 +37,7 @@ from mpge_jax.diagnosis.judge import (
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.prepare import Prepared, is_servo, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
-from mpge_jax.diagnosis.recording import Recording, validate
+from mpge_jax.diagnosis.recording import Recording, chain_transitions, unwrapped, validate
 from mpge_jax.diagnosis.rigid import name_nearest
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
 from mpge_jax.diagnosis.search import search
@@ -170,6 +170,8 @@ def diagnose(
     checked = [validate(r, plain, names) for r in ready]
     if files or not ready:
         checked += load_recordings(files, plain, names, columns)
+    # transitions follow one another as they were logged, so they are joined before angles are made continuous
+    checked = [unwrapped(r, plain, names) for r in chain_transitions(checked)]
     called = [r.name for r in checked]
     for name in called:
         if called.count(name) > 1:
@@ -208,7 +210,7 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     train, held = (r.above(ratio) for r in (fit_report(*shown, held=False), held))
     unexplained = None if found.left is None else what_is_left(p, s, found.left, held, corrected)
     if unexplained is None:
-        note_numerics(p, f, held.windows)
+        note_numerics(p, f, found.held.windows)
     if actuators is not None:
         unexplained = together([unexplained, *actuators.left])
     drop = error_drops(p, f, held)

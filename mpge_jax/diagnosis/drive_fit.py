@@ -150,7 +150,9 @@ def outside(model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, log: Log, dt
     return np.maximum(np.maximum(near.min(0) - log.force, log.force - near.max(0)), 0.0)
 
 
-def what_is_left(model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, d: Data) -> dict[str, Any] | None:
+def unexplained_drive(
+    model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, d: Data
+) -> dict[str, Any] | None:
     """The `unexplained` entry of a drive whose held-out forces `f` misses, whatever the timing, by more than noise and
     by much of the force and of what the nominal law misses."""
     missed = [outside(model, ctx, f, a, log, d.dt) for log in d.held]

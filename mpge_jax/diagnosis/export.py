@@ -27,8 +27,9 @@ def corrected_spec(d: Diagnosis) -> tuple[mujoco.MjSpec, dict[Term, bool]]:
     spec.compile()  # gives elements their indices
     native: dict[Term, bool] = {}
     parts = d.fit.hypothesis.split(d.ctx, d.fit.theta)
+    ctx = _as_given(d) if parts else d.ctx
     for term, theta in parts.items():
-        native[term] = term.effect.export(spec, _as_given(d), term.place, theta)
+        native[term] = term.effect.export(spec, ctx, term.place, theta)
     if d.actuators is not None:
         native |= d.actuators.export(spec)
     return spec, native

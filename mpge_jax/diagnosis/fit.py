@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
+import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Context, Param
@@ -62,13 +64,18 @@ def _bounds(params: list[Param]) -> tuple[Array, Array]:
 
 @dataclass
 class _Problem:
-    """One hypothesis during the fit."""
+    """One hypothesis during the fit.
+
+    Attributes:
+        offset: [W, N, 2 nv] residuals less those of semi-implicit steps, where those stand for costly ones.
+    """
 
     fit: Fitted
     params: list[Param]
     damping: float = 1e-3
     whitened: Array = field(default_factory=_nothing)
     jacobian: Array = field(default_factory=_nothing)
+    offset: Array = field(default_factory=_nothing)
     done: bool = False
     small: int = 0
 
@@ -118,18 +125,21 @@ def fit(
             steps = _proposals(p, w)
             steps += [x for t in steps[:1] for x in beyond(p, t, ctx)]
             trials += [(p, t) for t in [*steps, *_without_slopes(p, ctx)]]
-        res = sim.residuals([Run(p.fit.hypothesis, t) for p, t in trials], w)
+        best_of = {id(p): p.fit for p in active}
+        for (p, t), r in zip(trials, _near(sim, trials, w), strict=True):
+            found = _judged(p, t, r, w, white)
+            if found.loss < best_of[id(p)].loss:
+                best_of[id(p)] = found
+        promising = [p for p in active if best_of[id(p)] is not p.fit]
+        if sim.costly and promising:
+            # what semi-implicit steps promise is kept if it is true
+            thetas = [best_of[id(p)].theta for p in promising]
+            res = sim.residuals([Run(p.fit.hypothesis, t) for p, t in zip(promising, thetas, strict=True)], w)
+            for p, t, r in zip(promising, thetas, res, strict=True):
+                best_of[id(p)] = min(_judged(p, t, r, w, white), p.fit, key=lambda f: f.loss)
         improved = []
         for p in active:
-            best = p.fit
-            old = p.fit.loss
-            for (owner, t), r in zip(trials, res, strict=True):
-                if owner is not p:
-                    continue
-                x = white.excess(white(r))
-                loss = float(robust_loss(x).mean()) + prior_loss(p.params, t, p.fit.centre, w.count)
-                if loss < best.loss:
-                    best = replace(p.fit, theta=t, loss=loss, x=x)
+            best, old = best_of[id(p)], p.fit.loss
             if best is p.fit:
                 p.damping *= 30
                 p.small += 1
@@ -142,6 +152,25 @@ def fit(
             improved.append(p)
         _linearise(sim, improved, w, white)
     return [_finish(p) for p in problems]
+
+
+def _near(sim: Simulator, trials: list[tuple[_Problem, Array]], w: Windows) -> Iterator[Array]:
+    """Residuals [W, N, 2 nv] of each trial, told from the point where its problem stands."""
+    runs = [Run(p.fit.hypothesis, t) for p, t in trials]
+    if not sim.costly:
+        yield from sim.residuals(runs, w)
+        return
+    with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+        res = sim.residuals(runs, w)
+    for (p, _), r in zip(trials, res, strict=True):
+        yield r + p.offset
+
+
+def _judged(p: _Problem, theta: Array, residual: Array, w: Windows, white: Whitener) -> Fitted:
+    """The problem's fit at other parameters, with its loss."""
+    x = white.excess(white(residual))
+    loss = float(robust_loss(x).mean()) + prior_loss(p.params, theta, p.fit.centre, w.count)
+    return replace(p.fit, theta=theta, loss=loss, x=x)
 
 
 def _proposals(p: _Problem, w: Windows) -> list[Array]:
@@ -217,7 +246,15 @@ def _linearise(sim: Simulator, problems: list[_Problem], w: Windows, white: Whit
             runs.append(Run(p.fit.hypothesis, theta))
     if not runs:
         return
-    res = sim.residuals(runs, w)
+    if sim.costly:
+        exact = sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in problems], w)
+        with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+            res = sim.residuals(runs, w)
+        for p, (first, steps), r in zip(problems, layout, exact, strict=True):
+            p.offset = r - res[first]
+            res[first : first + 1 + steps.size] += p.offset
+    else:
+        res = sim.residuals(runs, w)
     for p, (first, steps) in zip(problems, layout, strict=True):
         p.whitened = white(res[first])
         moved = white(res[first + 1 : first + 1 + steps.size])

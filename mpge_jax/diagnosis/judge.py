@@ -15,13 +15,14 @@ from mpge_jax.diagnosis.remainder import describe
 from mpge_jax.diagnosis.select import Scored, Search
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.verdict import LEFT, Errors, active_dofs, errors, excess_by_dof, noise_floor
-from mpge_jax.diagnosis.whiten import Whitener, column_scale, numerics, whitener
+from mpge_jax.diagnosis.whiten import NUISANCE, Whitener, column_scale, numerics, whitener
 from mpge_jax.diagnosis.windows import Windows
 
 TRAIN, HELD = 40, 60
 """Windows of the reported length on which errors are shown, at most."""
-SURE = 6.0
-"""Deviations from nothing at which differences of timing count as seen."""
+SURE, MOST = 6.0, 3.0
+"""Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
+they may be."""
 NUMERICS = (
     "the recordings move as with a finer timestep, or another integrator, than the model's",
     "commands act at another moment within a timestep than the model has it",
@@ -139,14 +140,20 @@ def note_numerics(p: Prepared, f: Fitted, w: Windows) -> None:
     gram = np.einsum("w,pwm,qwm->pq", weight, columns, columns, optimize=True)
     inverse = np.linalg.pinv(gram, hermitian=True)
     amount = -inverse @ np.einsum("w,pwm,wm->p", weight, columns, flat, optimize=True)
-    sure = np.abs(amount) > SURE * np.sqrt(np.maximum(np.diag(inverse), 0.0))
-    for change, a, found, what in zip(changes, amount, sure, NUMERICS, strict=True):
-        moved = (a * change[..., :nv])[np.isfinite(residual[..., :nv])]
-        size = float(np.sqrt(np.mean(moved**2))) if moved.size else 0.0
-        if found and size > column_scale(p.noise, p.model)[:nv].min():
-            length = float(w.times.max())
+    left = flat + np.einsum("p,pwm->wm", amount, columns)
+    scores = np.einsum("w,pwm,wm->wp", weight, columns, left, optimize=True)
+    # misfit comes by the window
+    variance = np.maximum(np.diag(inverse), np.diag(inverse @ scores.T @ scores @ inverse))
+    seen = np.isfinite(residual[..., :nv])
+    for k, (change, what) in enumerate(zip(changes, NUMERICS, strict=True)):
+        moved = np.where(seen, amount[k] * np.nan_to_num(change[..., :nv]), 0.0)
+        size = np.sqrt((moved**2).sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1))
+        matters = bool((size > column_scale(p.noise, p.model)[:nv])[seen.any((0, 1))].any())
+        sure = amount[k] > SURE * np.sqrt(max(variance[k], 0.0)) and amount[k] < MOST * NUISANCE
+        if sure and matters:
             p.warnings.append(
-                f"{what}: {size:.1g} rad or m (rms) over {length:.2g} s. This is taken into account and is no physics."
+                f"{what}: {size.max():.1g} rad or m (rms, where most) over {w.times.max():.2g} s. This is taken into "
+                "account and is no physics."
             )
 
 

@@ -70,10 +70,10 @@ def _replace_total_mass(spec: mujoco.MjSpec) -> None:
 
 def compile_variable(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Compile with the constant-inertia shortcuts off, so that masses and frames may vary per simulation."""
-    spec = _explicit(spec.copy())
-    for body in spec.bodies[1:]:
-        body.simple = False
     try:
+        spec = _explicit(spec.copy())
+        for body in spec.bodies[1:]:
+            body.simple = False
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"MuJoCo cannot compile the model: {' '.join(str(error).split())}") from None
@@ -141,6 +141,7 @@ def has_plain_law(model: mujoco.MjModel, a: int) -> bool:
 def clipped(model: mujoco.MjModel, ctrl: Any, xp: Any = np) -> Any:
     """Commands [..., nu] within the limits of the actuators that have any; whatever a drive does, it does to these."""
     limited = model.actuator_ctrllimited.astype(bool)
+    limited &= not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     low = np.where(limited, model.actuator_ctrlrange[:, 0], -np.inf)
     high = np.where(limited, model.actuator_ctrlrange[:, 1], np.inf)
     return xp.clip(ctrl, low, high)

@@ -84,8 +84,8 @@ def diagnosis_table(d: Diagnosis) -> dict[str, Any]:
 
 
 def _held_out(d: Diagnosis, f: Fitted) -> float | None:
-    """Held-out error of another fit, to stand beside the chosen one's; null where that is an error of forces and `f`
-    does not let them be computed."""
+    """Held-out error of another fit, of which only the search's windows decided the parameters; null where the errors
+    are those of forces and `f` does not let them be computed."""
     if not motion_is_given(d):
         return number(errors(d.prepared.sim, f, d.held.windows).rms)
     other = replace(d, fit=f)

@@ -153,10 +153,7 @@ def is_servo(plain: mujoco.MjModel, a: int) -> bool:
 
 def plain_force(plain: mujoco.MjModel, a: int, ctrl: np.ndarray, states: States) -> np.ndarray:
     """Force [T] that the model expects of actuator `a` (see `has_plain_law`) under commands [T, nu] in given states."""
-    u = ctrl[:, a]
-    if plain.actuator_ctrllimited[a]:
-        u = np.clip(u, *plain.actuator_ctrlrange[a])
-    force = plain.actuator_gainprm[a, 0] * u
+    force = plain.actuator_gainprm[a, 0] * clipped(plain, ctrl)[:, a]
     if plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE:
         joint, gear = plain.actuator_trnid[a, 0], plain.actuator_gear[a, 0]
         constant, stiffness, damping = plain.actuator_biasprm[a, :3]
@@ -192,7 +189,7 @@ def with_drives(
         smooth = np.where(p.measured & continuous, smooth, 0.0)
         for a, gain in back_emf.items():
             if not continuous[a]:
-                held = gain * np.nan_to_num(s.recording.known("ctrl")[:, a])
+                held = gain * np.nan_to_num(clipped(plain, s.recording.known("ctrl"))[:, a])
                 smooth[:, a] = s.command[:, a] - held
         return Source.build(s.recording, s.states, s.command, smooth, ages, late=s.late)
 

@@ -144,7 +144,10 @@ def find_files(paths: Iterable[str | Path]) -> list[Path]:
         else:
             raise InputError(f"the recording {entry} does not exist.")
     # a link keeps its own name, which may say that it is held out
-    return [p for i, p in enumerate(files) if p.resolve() not in {q.resolve() for q in files[:i]}]
+    unique: dict[Path, Path] = {}
+    for path in files:
+        unique.setdefault(path.resolve(), path)
+    return list(unique.values())
 
 
 def load_recordings(

@@ -124,8 +124,7 @@ def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recor
                 "'actuator_force' is NaN throughout; record one of the two."
             )
     notes = list(_warnings(recording, model, names))
-    recording, wrapped = _unwrapped(_unit_quaternions(recording, model), model, names)
-    return replace(recording, warnings=(*recording.warnings, *notes, *wrapped))
+    return replace(_unit_quaternions(recording, model), warnings=(*recording.warnings, *notes))
 
 
 def _check_finite(
@@ -189,24 +188,36 @@ def _unit_quaternions(recording: Recording, model: mujoco.MjModel) -> Recording:
     return replace(recording, qpos=qpos)
 
 
-def _unwrapped(recording: Recording, model: mujoco.MjModel, names: Names) -> tuple[Recording, list[str]]:
-    """The recording without the full turns by which the angles of unlimited hinges jump where an encoder wraps."""
+def unwrapped(recording: Recording, model: mujoco.MjModel, names: Names) -> Recording:
+    """The recording without the full turns by which the angles of unlimited hinges jump where an encoder wraps.
+
+    Where velocities were recorded, they tell how far it went from row to row.
+    """
     qpos, notes = recording.qpos.copy(), []
     for j in range(model.njnt):
-        if model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE or model.jnt_limited[j]:
+        column = int(model.jnt_qposadr[j])
+        value, v = qpos[:, column], np.full(recording.time.size, np.nan)
+        if model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE or model.jnt_limited[j] or np.isnan(value).any():
             continue
-        value = qpos[:, model.jnt_qposadr[j]]
-        steps = np.abs(np.diff(value))
-        jumps = steps > WRAP
-        if np.isnan(value).any() or not jumps.any() or steps[~jumps].max(initial=0.0) > WRAP / 3:
+        if np.ptp(value) > 2.01 * np.pi:
             continue
-        if np.ptp(value) > 2.01 * np.pi or (np.abs(steps[jumps] - 2 * np.pi) > 2 * np.pi - WRAP).any():
-            continue
-        qpos[:, model.jnt_qposadr[j]] = np.unwrap(value)
-        notes.append(
-            f"{recording.name}: the angle of {names.joints[j]} wraps at a full turn; it was made continuous."
-        )
-    return replace(recording, qpos=qpos), notes
+        if recording.qvel is not None:
+            v = recording.qvel[:, model.jnt_dofadr[j]]
+        steps = np.diff(value)
+        if np.isfinite(v).all():
+            turns = np.round((0.5 * (v[1:] + v[:-1]) * np.diff(recording.time) - steps) / (2 * np.pi))
+        else:
+            jumps = np.abs(steps) > WRAP
+            rest = np.abs(steps[~jumps])
+            turns = -np.sign(steps) * jumps
+            if not rest.size or rest.max() > WRAP / 3:
+                continue
+        if turns.any():
+            qpos[1:, column] += 2 * np.pi * np.cumsum(turns)
+            notes.append(
+                f"{recording.name}: the angle of {names.joints[j]} wraps at a full turn; it was made continuous."
+            )
+    return replace(recording, qpos=qpos, warnings=(*recording.warnings, *notes)) if notes else recording
 
 
 def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list[str]:

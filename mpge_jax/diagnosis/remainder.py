@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mpge_jax.diagnosis.model import is_scalar
 from mpge_jax.diagnosis.verdict import active_dofs, excess_by_dof
 
 if TYPE_CHECKING:
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 ELSEWHERE = 3.0
-"""By how much more force must be missing at a floating base than at any joint for its body to be the place."""
+"""By how much clearer missing force (`excess_by_dof`) must be at a floating base than at any joint for its body to be
+the place."""
 
 
 def _rank_correlation(a: Array, b: Array) -> float:
@@ -47,9 +49,10 @@ def describe(
     size = np.abs(force[:, worst])
     clues = {
         "speed of the joint": np.abs(w.v0[:, worst]),
-        "angle of the joint": w.q0[:, int(p.model.jnt_qposadr[joint])],
         "time since the start": w.start,
     }
+    if is_scalar(p.model, joint):
+        clues["angle of the joint"] = w.q0[:, int(p.model.jnt_qposadr[joint])]
     for a in range(p.model.nu):
         clues[f"size of the command of {p.names.actuators[a]}"] = np.abs(w.command[:, w.history :, a]).mean(1)
     found = {k: _rank_correlation(size, v) for k, v in clues.items()}

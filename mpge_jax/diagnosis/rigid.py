@@ -46,7 +46,9 @@ def name_nearest(ctx: Context, f: Fitted) -> Fitted:
 
 def _moved(ctx: Context, f: Fitted, term: Term) -> Fitted:
     m = ctx.model
-    group = [b for b in moving_bodies(m) if m.body_weldid[b] == m.body_weldid[term.place.index]]
+    taken = {t.place.index for t in f.hypothesis.terms if t.name == term.name and t != term}
+    weld = m.body_weldid[term.place.index]
+    group = [b for b in moving_bodies(m) if m.body_weldid[b] == weld and b not in taken]
     data = mujoco.MjData(m)
     mujoco.mj_forward(m, data)
     part = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(term)]
@@ -73,6 +75,7 @@ def _moved(ctx: Context, f: Fitted, term: Term) -> Fitted:
     rows = slice(place.start + 1, place.start + 4)
     jacobian[rows] = 0.0
     jacobian[rows, part.start + 1 : part.start + 4] = turn
+    # a permutation and a rotation: information turns like a covariance
     offset = np.zeros(f.theta.size)
     offset[rows] = shift
     return replace(

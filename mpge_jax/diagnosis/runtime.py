@@ -41,12 +41,9 @@ class Runtime:
         if any("dof_frictionloss" in g.term.effect.fields for g in groups):
             self.dry = batch.expand("dof_frictionloss")
             self.dry_base = self.dry.copy()
-        self.bodies = any(
-            g.term.effect.id == "quadratic_drag" and g.term.place.kind == "body" for g in groups
-        )
-        if self.bodies or any(g.term.place.kind == "body" for g in groups):
+        self.bodies = any(g.term.place.kind == "body" for g in groups)
+        if self.bodies:
             self.cvel, self.xipos, self.com = (batch.bind(k) for k in ("cvel", "xipos", "subtree_com"))
-            self.bodies = True
         self.loaded = any(g.term.effect.external for g in groups)
         self.loads = batch.bind("qfrc_bias") if self.loaded else np.zeros((0, 0))
         self.gain = _expanded(batch, m, "actuator_gainprm")

@@ -9,7 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.fit import Fitted, _Problem, _proposals, beyond, prior_loss
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.simulate import Run, Simulator
+from mpge_jax.diagnosis.simulate import Near, Run, Simulator
 from mpge_jax.diagnosis.whiten import Whitener, robust_loss
 from mpge_jax.diagnosis.windows import Windows
 
@@ -41,12 +41,13 @@ def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: W
     simulated where the linear model promises anything. The base's own Jacobian is shared by all. Elaborate laws of
     friction are tried where a plain one helps.
     """
-    own = _base_jacobian(sim, base, w, white)
+    near = Near.to(sim, Run(base.hypothesis, base.theta), w)
+    own = _base_jacobian(near, base, white)
     before = float(
-        robust_loss(white.excess(_whitened(sim, [Run(base.hypothesis, base.theta)], w, white))).mean()
+        robust_loss(white.excess(_whitened(near, [Run(base.hypothesis, base.theta)], white))).mean()
     )
     elaborate = [t for t in terms if t.id in ELABORATE]
-    found = _quick_fits(sim, base, [t for t in terms if t.id not in ELABORATE], w, white, own, before)
+    found = _quick_fits(near, base, [t for t in terms if t.id not in ELABORATE], white, own, before)
     plain: dict[Place, float] = {}
     dry: dict[Place, float] = {}
     for f in found:
@@ -57,24 +58,15 @@ def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: W
                     dry[t.place] = float(theta[0])
     limit = before - PROMISING * min(before, 3.0)
     places = [q for q in sorted(plain, key=lambda q: plain[q]) if plain[q] < limit][:PLACES]
-    found += _quick_fits(
-        sim,
-        base,
-        [t for t in elaborate if t.place in places or t.place not in plain],
-        w,
-        white,
-        own,
-        before,
-        dry,
-    )
+    elaborate = [t for t in elaborate if t.place in places or t.place not in plain]
+    found += _quick_fits(near, base, elaborate, white, own, before, dry)
     return sorted(found, key=lambda f: f.loss)
 
 
 def _quick_fits(
-    sim: Simulator,
+    near: Near,
     base: Fitted,
     terms: list[Term],
-    w: Windows,
     white: Whitener,
     own: dict[Term, Array],
     before: float,
@@ -85,8 +77,8 @@ def _quick_fits(
     Args:
         own: the base's Jacobian. before: the base's loss. dry: torque of plain dry friction by joint.
     """
-    ctx = sim.ctx
-    problems = _starting_points(sim, base, terms, w, white, before, dry or {})
+    ctx, w = near.sim.ctx, near.w
+    problems = _starting_points(near, base, terms, white, before, dry or {})
     runs: list[Run] = []
     for term, p in problems:
         part = _slice(ctx, p.fit.hypothesis, term)
@@ -95,7 +87,7 @@ def _quick_fits(
             moved = p.fit.theta.copy()
             moved[i] += steps[i]
             runs.append(Run(p.fit.hypothesis, moved))
-    flat = _whitened(sim, runs, w, white)
+    flat = _whitened(near, runs, white)
     k = 0
     promised: dict[Term, list[tuple[float, int, list[Array]]]] = {}
     for index, (term, p) in enumerate(problems):
@@ -120,7 +112,7 @@ def _quick_fits(
             if term.effect.jagged or promise < before - PROMISING * min(before, 3.0):
                 further = [x for t in steps_to[:1] for x in beyond(problems[index][1], t, ctx)]
                 trials += [(index, t) for t in [*steps_to, *further]]
-    outcome = _whitened(sim, [Run(problems[i][1].fit.hypothesis, t) for i, t in trials], w, white)
+    outcome = _whitened(near, [Run(problems[i][1].fit.hypothesis, t) for i, t in trials], white)
     for (i, theta), r in zip(trials, outcome, strict=True):
         p = problems[i][1]
         x = white.excess(r)
@@ -139,10 +131,9 @@ def _slice(ctx: Context, hypothesis: Hypothesis, term: Term) -> slice:
 
 
 def _starting_points(
-    sim: Simulator,
+    near: Near,
     base: Fitted,
     terms: list[Term],
-    w: Windows,
     white: Whitener,
     before: float,
     dry: dict[Place, float],
@@ -152,7 +143,7 @@ def _starting_points(
     A start that is worse than nothing, as its scale was guessed too large, gives way to one nearer to where the
     effect vanishes if that is better.
     """
-    ctx = sim.ctx
+    ctx = near.sim.ctx
     parts = base.hypothesis.split(ctx, base.theta)
     problems: list[tuple[Term, _Problem]] = []
     for term in terms:
@@ -160,7 +151,7 @@ def _starting_points(
         for start in _at_torque(term.effect.starts(ctx, term.place), term, ctx, dry.get(term.place, 0.0)):
             theta = hypothesis.gather(ctx, {**parts, term: start})
             problems.append((term, _Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
-    _simulate([p for _, p in problems], sim, w, white)
+    _simulate([p for _, p in problems], near, white)
     smaller: list[tuple[_Problem, _Problem]] = []
     for term, p in problems:
         naming = term.effect.naming(ctx, term.place)
@@ -170,7 +161,7 @@ def _starting_points(
         null, theta = term.effect.null(ctx, term.place), p.fit.theta.copy()
         theta[part][naming] = null[naming] + NEARER * (theta[part][naming] - null[naming])
         smaller.append((p, _Problem(Fitted(p.fit.hypothesis, theta, theta.copy()), p.params)))
-    _simulate([q for _, q in smaller], sim, w, white)
+    _simulate([q for _, q in smaller], near, white)
     for p, q in smaller:
         if q.fit.loss < p.fit.loss:
             p.fit, p.whitened = q.fit, q.whitened
@@ -185,8 +176,8 @@ def _at_torque(starts: Array, term: Term, ctx: Context, dry: float) -> Array:
     return np.where(torque, starts * dry / term.params(ctx)[0].scale, starts)
 
 
-def _simulate(problems: list[_Problem], sim: Simulator, w: Windows, white: Whitener) -> None:
-    flat = _whitened(sim, [Run(p.fit.hypothesis, p.fit.theta) for p in problems], w, white)
+def _simulate(problems: list[_Problem], near: Near, white: Whitener) -> None:
+    flat = _whitened(near, [Run(p.fit.hypothesis, p.fit.theta) for p in problems], white)
     for p, r in zip(problems, flat, strict=True):
         x = white.excess(r)
         p.whitened, p.fit = r, replace(p.fit, x=x, loss=float(robust_loss(x).mean()))
@@ -199,26 +190,27 @@ def _promise(p: _Problem, theta: Array, w: Windows, white: Whitener) -> float:
     return loss + prior_loss(p.params, theta, p.fit.centre, w.count)
 
 
-def _whitened(sim: Simulator, runs: list[Run], w: Windows, white: Whitener) -> Array:
+def _whitened(near: Near, runs: list[Run], white: Whitener) -> Array:
     """Whitened residuals [R, W, M] in single precision, made in pieces to save memory."""
-    out = np.empty((len(runs), w.count, white.seen.shape[1]), dtype=np.float32)
+    out = np.empty((len(runs), near.w.count, white.seen.shape[1]), dtype=np.float32)
     for a in range(0, len(runs), 64):
-        out[a : a + 64] = white(sim.residuals(runs[a : a + 64], w))
+        out[a : a + 64] = white(near.residuals(runs[a : a + 64]))
     return out
 
 
-def _base_jacobian(sim: Simulator, base: Fitted, w: Windows, white: Whitener) -> dict[Term, Array]:
+def _base_jacobian(near: Near, base: Fitted, white: Whitener) -> dict[Term, Array]:
     if not base.theta.size:
         return {}
-    p = _Problem(base, base.hypothesis.params(sim.ctx))
+    p = _Problem(base, base.hypothesis.params(near.sim.ctx))
     steps = p.steps()
     runs = [Run(base.hypothesis, base.theta)]
     for i, h in enumerate(steps):
         moved = base.theta.copy()
         moved[i] += h
         runs.append(Run(base.hypothesis, moved))
-    flat = _whitened(sim, runs, w, white)
+    flat = _whitened(near, runs, white)
     columns = (flat[1:] - flat[0]) / steps[:, None, None]
     return {
-        t: columns[s] for t, s in zip(base.hypothesis.terms, base.hypothesis.slices(sim.ctx), strict=True)
+        t: columns[s]
+        for t, s in zip(base.hypothesis.terms, base.hypothesis.slices(near.sim.ctx), strict=True)
     }

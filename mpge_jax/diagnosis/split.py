@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
@@ -16,10 +18,12 @@ def split(
     warnings: list[str] = []
     names = [r.name for r in recordings]
     if held_out is not None:
-        missing = [n for n in held_out if n not in names]
+        # people give the file as well as its name
+        named = [n if n in names else Path(n).stem for n in held_out]
+        missing = [given for given, n in zip(held_out, named, strict=True) if n not in names]
         if missing:
             raise InputError(f"the held-out recording '{missing[0]}' is not among {', '.join(names)}.")
-        chosen = set(held_out)
+        chosen = set(named)
     else:
         chosen = {n for n in names if n.startswith("heldout_")}
     if not chosen and len(recordings) > 1:

@@ -121,9 +121,12 @@ def whitener(
     """
     scale, inexact = column_scale(noise, sim.model), False
     if nuisance:
-        unknown = INEXACT * np.abs(np.nan_to_num(nuisance[0]))
+        change = np.nan_to_num(nuisance[0])
+        # where it crosses zero, what is unknown of it does not
+        change = np.maximum(np.abs(change), np.sqrt((change**2).mean(1, keepdims=True)))
+        unknown = INEXACT * change
         compared = np.isfinite(nuisance[0]) & np.isfinite(scale)
-        inexact = bool(compared.any() and np.median((unknown > scale)[compared]) > 0.5)
+        inexact = bool(compared.any() and (unknown > scale)[compared].mean() > 0.5)
         scale = np.hypot(scale, unknown)
     res = sim.residuals(start_runs(hypothesis, theta, w), w)
     base = res[0]

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.activations import activation, settling
+from mpge_jax.diagnosis.activations import activations, settling
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.states import Noise, States
 
 Array = np.ndarray
 HISTORY = 0.8
-"""Seconds of commands kept before a window, for delays and lags."""
+"""Seconds of commands kept before a window, for delays and lags: five time constants of a slow drive."""
 
 
 @dataclass(frozen=True)
@@ -238,6 +238,7 @@ def cut(
     q0, v0, root = np.zeros((w, nq)), np.zeros((w, nv)), np.zeros((w, nv, 2, 2))
     act0 = np.zeros((w, model.na))
     start = np.zeros(w)
+    held = {i: activations(model, sources[i]) for i in {i for i, _, _ in found}}
     for k, ((i, a, _), inside) in enumerate(zip(found, rows, strict=True)):
         s = sources[i]
         r = s.recording
@@ -250,7 +251,7 @@ def cut(
         command[k] = s.mean_command(r.time[a] + dt * np.arange(-before, steps + 1))
         q0[k], v0[k] = s.states.qpos[a], s.states.qvel[a]
         root[k] = _cholesky(s.states.cov[a])
-        act0[k] = activation(model, s, a)
+        act0[k] = held[i][a]
     qvel[:, :, ~np.isfinite(noise.qvel)] = np.nan
     source = np.array([i for i, _, _ in found], dtype=int)
     return Windows(

@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.coarse import is_coarse
 from mpge_jax.diagnosis.effects.base import Param, Place
 from mpge_jax.diagnosis.evidence import deviations, rare, stand_out, strong
 from mpge_jax.diagnosis.finish import final_fit, prune, refined
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, _jackknife, _Problem, beyond, fit, timing_error
+from mpge_jax.diagnosis.fit import NOTHING, Fitted, _jackknife, _Problem, beyond, evaluate, fit, timing_error
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.judge import fit_report, helps
 from mpge_jax.diagnosis.model import compile_variable, names_of
@@ -28,6 +28,7 @@ from mpge_jax.diagnosis.rivals import better_rival, find_rivals
 from mpge_jax.diagnosis.screen import ELABORATE, screen
 from mpge_jax.diagnosis.search import search
 from mpge_jax.diagnosis.select import Scored, clearly_worse
+from mpge_jax.diagnosis.simulate import Near, Run
 from mpge_jax.diagnosis.states import estimate
 from mpge_jax.diagnosis.telling import telling_windows
 
@@ -427,3 +428,24 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
             held += abs(f.theta[part][0] - true[t]) < half
             assert half < 0.3 * true[t]
     assert held >= 20
+
+
+def test_runge_kutta_steps_are_told_from_cheaper_ones_and_verified():
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_damping[0] += 0.03
+
+    s, _ = search_of(PENDULUM.replace("implicitfast", "RK4"), record(PENDULUM, 0.8, change=change))
+    known, other = fitted(s, {DAMPING: [0.02]}), fitted(s, {DAMPING: [0.03]})
+    runs = [Run(f.hypothesis, f.theta) for f in (known, other)]
+    near, exact = Near.to(s.sim, runs[0], s.train).residuals(runs), s.sim.residuals(runs, s.train)
+    seen = np.isfinite(exact[0])
+    np.testing.assert_allclose(near[0][seen], exact[0][seen], atol=1e-12)
+    # the difference between two runs is told far better than a run
+    with s.sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+        alone = s.sim.residuals(runs, s.train)
+    wrong = [np.abs(x[1] - exact[1])[seen].max() for x in (near, alone)]
+    assert wrong[0] < 0.2 * wrong[1]
+    white = s.whiten_one(known, s.train)
+    found = fit(s.sim, [known], s.train, white)[0]
+    assert found.theta[0] == pytest.approx(0.03, rel=0.02)
+    assert found.loss == pytest.approx(evaluate(s.sim, [found], s.train, white)[0].loss, abs=1e-4)

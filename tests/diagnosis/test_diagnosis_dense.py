@@ -63,4 +63,7 @@ def test_what_is_in_one_joint_is_not_sought_in_all():
     s = _search(change)
     one = _fitted(s, {"coulomb_friction@shoulder": float(FRICTION[0])})
     assert not s.at_noise(one, s.whiten_one(one, s.train))
+    said: list[str] = []
+    s.say = said.append
     assert everywhere(s, one) is one
+    assert any("every joint" in text for text in said)

@@ -422,3 +422,6 @@ def test_what_a_dead_zone_lets_through_is_no_force_of_its_own():
     xml = xml.replace('joint="hinge" ctrlrange', 'tendon="t" ctrlrange')
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
     assert REGISTRY["actuator_deadzone"].places(ctx) == []
+    filtered = PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(filtered)))
+    assert len(REGISTRY["actuator_deadzone"].places(ctx)) == 1

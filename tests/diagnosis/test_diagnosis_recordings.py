@@ -12,7 +12,7 @@ from machines import ARM, PENDULUM
 from mpge_jax.diagnosis import InputError, Recording
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.reader import load_recordings, read_recording
-from mpge_jax.diagnosis.recording import chain_transitions, validate
+from mpge_jax.diagnosis.recording import chain_transitions, unwrapped, validate
 from mpge_jax.diagnosis.split import split
 
 
@@ -421,7 +421,7 @@ def test_angles_that_wrap_are_made_continuous(xml_range, continuous):
     t = 0.01 * np.arange(200)
     q = (5 * t)[:, None]
     wrapped = (q + np.pi) % (2 * np.pi) - np.pi
-    r = validate(Recording("run", t, wrapped, None, np.zeros((200, 1))), model, names_of(model))
+    r = unwrapped(Recording("run", t, wrapped, None, np.zeros((200, 1))), model, names_of(model))
     if continuous:
         np.testing.assert_allclose(r.qpos, q, atol=1e-12)
         assert any("wraps at a full turn" in w for w in r.warnings)
@@ -436,8 +436,25 @@ def test_angles_that_turn_far_are_left_alone():
     t = 0.2 * np.arange(50)
     # more than a turn altogether, and fast: half a turn from row to row
     for q in (20 * np.sin(t), 3.0 * (np.arange(50) % 2)):
-        r = validate(Recording("run", t, q[:, None], None, np.zeros((50, 1))), model, names_of(model))
+        r = unwrapped(Recording("run", t, q[:, None], None, np.zeros((50, 1))), model, names_of(model))
         np.testing.assert_array_equal(r.qpos[:, 0], q)
+
+
+def test_velocities_tell_whether_an_angle_wrapped():
+    import mujoco
+
+    model = compile_variable(mujoco.MjSpec.from_string(PENDULUM))
+    t = np.array([0.0, 0.25])
+    for q, v, true in (
+        ([-2.0, 3.5], 22.0, 3.5),
+        ([3.0, -3.0], 1.1, 2 * np.pi - 3.0),
+        ([3.0, -3.0], -24.0, -3.0),
+    ):
+        r = Recording("run", t, np.array(q)[:, None], np.full((2, 1), v), np.zeros((2, 1)))
+        assert unwrapped(r, model, names_of(model)).qpos[1, 0] == pytest.approx(true)
+    # nothing tells, nothing is changed
+    alone = Recording("run", t, np.array([[3.0], [-3.0]]), None, np.zeros((2, 1)))
+    assert unwrapped(alone, model, names_of(model)) is alone
 
 
 def _runs(*names: str, rows: int = 31) -> list[Recording]:
@@ -451,7 +468,7 @@ def test_what_is_held_out():
 
     marked = _runs("a", "heldout_b", "c")
     assert names(marked) == (["a", "c"], ["heldout_b"], [])
-    assert names(marked, ("c",)) == (["a", "heldout_b"], ["c"], [])
+    assert names(marked, ("c",)) == names(marked, ("logs/c.npz",)) == (["a", "heldout_b"], ["c"], [])
     with pytest.raises(InputError, match="'d' is not among a, heldout_b, c"):
         names(marked, ("d",))
     with pytest.raises(InputError, match="every recording is held out"):

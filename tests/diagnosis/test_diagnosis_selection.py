@@ -17,10 +17,11 @@ from mpge_jax.diagnosis.effects.base import REGISTRY, Effect, Place, nominal_con
 from mpge_jax.diagnosis.finish import final_fit
 from mpge_jax.diagnosis.fit import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.judge import note_numerics
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.recording import validate
-from mpge_jax.diagnosis.select import SMALL
+from mpge_jax.diagnosis.select import LOUD, QUIET, SMALL
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.states import States, estimate
 from mpge_jax.diagnosis.telling import SCREEN_WINDOWS, screen_windows
@@ -194,3 +195,36 @@ def test_what_a_coarse_timestep_gets_wrong_is_noise_where_it_is_not_linear():
         white.scale.shape == residual.shape[1:]
         and (white.take(np.array([0, 2])).scale == white.scale[[0, 2]]).all()
     )
+
+
+PENDULUMS = "".join(
+    f"""<body pos="0 {k} 0"><joint name="j{k}" axis="0 1 0" damping="0.02" armature="0.004"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/></body>"""
+    for k in range(16)
+)
+MOTORS = "".join(f'<motor joint="j{k}"/>' for k in range(16))
+MANY = f"""<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>{PENDULUMS}</worldbody>
+<actuator>{MOTORS}</actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("lacking", [0.0, 0.002])
+def test_what_one_of_many_joints_lacks_does_not_drown(lacking):
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_damping[3] += lacking
+
+    s = _search(_prepared(MANY, record(MANY, 0.8, change=change, noise=1e-3)))
+    white = s.whiten_one(NOTHING, s.train)
+    flat = white(s.sim.residuals([Run(NOTHING.hypothesis, NOTHING.theta)], s.train))[0]
+    each = robust_loss(white.by_dof(flat, 16)).mean(0)
+    assert robust_loss(white.excess(flat)).mean() < QUIET and white.factor == 1.0
+    assert (np.flatnonzero(each > LOUD) == ([3] if lacking else [])).all()
+    assert s.at_noise(NOTHING, white) == (not lacking)
+
+
+@pytest.mark.parametrize(("timestep", "warned"), [("0.002", True), ("0.008", False)])
+def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
+    """Recordings are made with a quarter of the timestep."""
+    p = _prepared(PENDULUM, record(PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
+    note_numerics(p, NOTHING, p.windows(True, p.config.report_s, 60))
+    assert any("move as with a finer timestep" in w for w in p.warnings) == warned
+    assert not any("another moment" in w for w in p.warnings)

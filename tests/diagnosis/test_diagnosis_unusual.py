@@ -265,6 +265,11 @@ def test_a_mass_on_a_rigid_body_is_named_once_and_at_the_nearest_part():
     np.testing.assert_allclose(np.diag(f.cov[part, part]), [1e-4, 9e-6, 4e-6, 1e-6], atol=1e-15)
     again = name_nearest(ctx, f)
     assert again is f
+    # two masses on one rigid body both stay
+    both = Hypothesis.of(link, hand)
+    theta = both.gather(ctx, {link: np.array([0.1, 0.35, 0.0, 0.0]), hand: np.array([0.7, 0.0, 0.0, 0.1])})
+    kept = name_nearest(ctx, Fitted(both, theta, theta.copy()))
+    assert kept.hypothesis == both and (kept.theta == theta).all()
     alone = [Fitted(Hypothesis.of(t), np.zeros(4), np.zeros(4)) for t in (hand, link)]
     assert one_of_each(ctx, alone) == alone[:1]
 

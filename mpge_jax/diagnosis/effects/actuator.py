@@ -202,8 +202,12 @@ class ActuatorDeadzone(OfActuator):
     remedy = "commands of small and of large amplitude"
 
     def places(self, ctx: Context) -> list[Place]:
-        """Drives whose force is known before it is lost: of others, the last step's force would be what was left."""
-        return [p for p in super().places(ctx) if has_plain_law(ctx.model, p.index)]
+        """Drives of joints, and those whose force follows from their command: what others lose can only be taken from
+        their command, and the last step's force would be what was left."""
+        m = ctx.model
+        return [
+            p for p in super().places(ctx) if is_joint_transmission(m, p.index) or has_plain_law(m, p.index)
+        ]
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         d = _size(ctx, place)

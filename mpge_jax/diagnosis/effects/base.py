@@ -204,7 +204,7 @@ def register(effect: type[Effect]) -> type[Effect]:
 
 def find_place(ctx: Context, effect: Effect, name: str, kind: str | None = None) -> Place:
     """The place of that name, of a kind, or of the first on which the effect acts."""
-    for which in effect.kinds if kind is None else (kind,):
+    for which in (k for k in effect.kinds if kind in (None, k)):
         for place in all_places(ctx, which):
             if place.name == name:
                 return place
