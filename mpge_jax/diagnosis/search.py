@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.select import Scored, Search, with_simpler
 
 FAR = 2.5
 """Loss above which the second effect is looked for beside several first ones."""
-REST = 1.5
+REST = 2.0
 """What a last round, the weighing of alternatives and the report take, in rounds that found an effect."""
 
 
