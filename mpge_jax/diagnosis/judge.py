@@ -115,7 +115,7 @@ def what_is_left(
 
 
 def together(entries: list[dict[str, Any] | None]) -> dict[str, Any] | None:
-    """One `unexplained` entry for several."""
+    """One `unexplained` entry for several; its share is the first one's, of the motion if that is among them."""
     known = [e for e in entries if e is not None]
     if len(known) < 2:
         return known[0] if known else None
@@ -123,7 +123,7 @@ def together(entries: list[dict[str, Any] | None]) -> dict[str, Any] | None:
         "at": list(dict.fromkeys(at for e in known for at in e["at"])),
         "when": "; ".join(f"at the {' and '.join(e['at'])} {e['when']}" for e in known),
         "intervals": [i for e in known for i in e["intervals"]],
-        "share": max(e["share"] for e in known),
+        "share": known[0]["share"],
     }
 
 

@@ -57,6 +57,11 @@ def _clause(text: str) -> str:
     return text[0].lower() + text[1:] if text.startswith(("The ", "A ")) else text
 
 
+def _listed(names: list[str]) -> str:
+    """'a, b and c'."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
 def explanation(d: Diagnosis) -> str:
     """What a technician needs to know, in a few sentences."""
     from mpge_jax.diagnosis.parameters import candidates_of
@@ -72,11 +77,11 @@ def explanation(d: Diagnosis) -> str:
     if d.actuators is not None:
         parts += d.actuators.sentences
     if d.unexplained is not None:
-        where = " and ".join(d.unexplained["at"]) or "the machine"
+        where = _listed(d.unexplained["at"]) or "machine"
         known = "Beyond that, something" if parts else "Something"
         parts.append(
             f"{known} acts at the {where} that no known effect explains: {d.unexplained['when']}. It makes up "
-            f"{100 * d.unexplained['share']:.0f} % of the squared prediction error."
+            f"{100 * d.unexplained['share']:.0f} % of the squared error."
         )
     if not parts:
         parts.append(
