@@ -126,8 +126,8 @@ def check_motion(
             "the robot never moved: friction, damping, inertia, drag, delay and lag cannot be seen; only constant "
             "forces against the held pose can."
         )
-    unmeasured = np.all([np.isnan(r.qpos).all(0) for r in recordings], axis=0)
-    sometimes = np.any([np.isnan(r.qpos).all(0) for r in recordings], axis=0)
+    missing = [np.isnan(r.qpos).all(0) for r in recordings]
+    unmeasured, sometimes = np.all(missing, axis=0), np.any(missing, axis=0)
     for j in range(model.njnt):
         columns = slice(*qpos_columns(model, j))
         if unmeasured[columns].any():

@@ -15,6 +15,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.model import qpos_columns
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.screen import screen
 from mpge_jax.diagnosis.simulate import Run, Simulator
@@ -78,10 +79,7 @@ def _measured(r: Recording, model: mujoco.MjModel) -> Array:
     missing = np.isnan(r.qpos).any(0)
     out = np.ones(model.nv, bool)
     for j in range(model.njnt):
-        q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
-        end_q = int(model.jnt_qposadr[j + 1]) if j + 1 < model.njnt else model.nq
-        end_v = int(model.jnt_dofadr[j + 1]) if j + 1 < model.njnt else model.nv
-        out[v:end_v] = not missing[q:end_q].any()
+        out[model.dof_jntid == j] = not missing[slice(*qpos_columns(model, j))].any()
     return out
 
 

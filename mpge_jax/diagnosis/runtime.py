@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.effects.base import Context, Step
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.model import clipped, has_plain_law, is_joint_transmission
 
 Array = np.ndarray
 
@@ -66,16 +66,9 @@ class Runtime:
             empty = np.zeros((q.shape[0], 0))
             return Step(q, v, empty, empty, empty, empty, empty, empty, empty, self._body_velocity, self.dt)
         u = b.bind("ctrl")
-        low = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 0], -np.inf)
-        high = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 1], np.inf)
         length, speed = self.gear * q[:, self.qadr], self.gear * v[:, self.dadr]
         bias = np.where(self.affine_rows[..., None], self.bias, 0.0)
-        free = (
-            self.gain[..., 0] * np.clip(u, low, high)
-            + bias[..., 0]
-            + bias[..., 1] * length
-            + bias[..., 2] * speed
-        )
+        free = self.gain[..., 0] * clipped(m, u) + bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
         f = np.clip(free, self.range[..., 0], self.range[..., 1])
         if self.last_force is not None:
             free = np.where(self.formula, free, self.last_force)

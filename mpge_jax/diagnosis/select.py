@@ -186,9 +186,10 @@ class Search:
             flat = white(self.sim.residuals([Run(base.hypothesis, base.theta)], w))[0]
             x, limit = white.excess(flat), SETTLED if base.hypothesis.terms else QUIET
             # in a large machine, what one joint lacks drowns in the mean over all
-            each = robust_loss(white.by_dof(flat, self.sim.model.nv)).mean(0)
-            if not base.hypothesis.terms and each.max() > LOUD:
-                return False
+            if not base.hypothesis.terms:
+                each = robust_loss(white.by_dof(flat, self.sim.model.nv)).mean(0)
+                if each.max() > LOUD:
+                    return False
             outlying += int(stand_out(robust_loss(x)).sum())
             # a tempered whitener, or an overestimated noise, says nothing
             little = np.median(x) < 0.5 and not white.inexact

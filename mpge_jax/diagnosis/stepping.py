@@ -113,15 +113,12 @@ def observe(
     plain = np.array([has_plain_law(model, a) for a in range(model.nu)])
     joint = np.where(plain, np.clip(model.actuator_trnid[:, 0], 0, model.njnt - 1), 0)
     gear = model.actuator_gear[:, 0]
-    limited = model.actuator_ctrllimited.astype(bool)
-    low = np.where(limited, model.actuator_ctrlrange[:, 0], -1e30)
-    high = np.where(limited, model.actuator_ctrlrange[:, 1], 1e30)
     affine = model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE)
     bias = np.where(affine[:, None], model.actuator_biasprm, 0.0)
     f_limited = model.actuator_forcelimited.astype(bool)
     f_low = np.where(f_limited, model.actuator_forcerange[:, 0], -1e12)
     f_high = np.where(f_limited, model.actuator_forcerange[:, 1], 1e12)
-    free = model.actuator_gainprm[:, 0] * xp.clip(ctrl, low, high) + bias[:, 0]
+    free = model.actuator_gainprm[:, 0] * clipped(model, ctrl, xp) + bias[:, 0]
     free = (
         free
         + bias[:, 1] * gear * q[model.jnt_qposadr[joint]]
