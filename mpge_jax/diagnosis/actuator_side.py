@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.drive_fit import Data, Log, log_of, residual, search_law, unexplained_drive
+from mpge_jax.diagnosis.drive_fit import Data, Log, jumps, log_of, residual, search_law, unexplained_drive
 from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, timing_error
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import clipped, compile_variable, has_plain_law
 from mpge_jax.diagnosis.noise import column_noise
-from mpge_jax.diagnosis.prepare import Prepared, drive_by_force
+from mpge_jax.diagnosis.prepare import Prepared, drive_by_force, servo_jumps
 from mpge_jax.diagnosis.simulate import Simulator
 from mpge_jax.diagnosis.windows import Source
 
 Array = np.ndarray
+LATE = {"actuator_delay", "actuator_lag"}
+"""Drives whose force does not jump when its command does."""
 
 
 @dataclass
@@ -38,22 +41,33 @@ class ActuatorSide:
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
     left: list[dict[str, Any]] = field(default_factory=list)
 
-    def between_rows(self) -> tuple[set[int], dict[int, float], dict[int, float]]:
-        """Actuators whose force lags behind the command; those with back-EMF, with their force per command; and those
-        whose force does not jump with the command as the model expects, with the share of its jumps."""
+    def between_rows(
+        self, plain: mujoco.MjModel
+    ) -> tuple[set[int], dict[int, float], Callable[[Source], Array]]:
+        """Actuators whose force lags behind the command; those with back-EMF, with their force per command; and by how
+        much the forces jump at each row [T, nu] as its command does."""
         lag: set[int] = set()
         back_emf: dict[int, float] = {}
-        jumps: dict[int, float] = {}
+        found: dict[int, Fitted] = {}
         for f in self.fits:
-            parts = {t.id: (t.place.index, x) for t, x in f.hypothesis.split(self.ctx, f.theta).items()}
+            parts = {t.name: (t.place.index, x) for t, x in f.hypothesis.split(self.ctx, f.theta).items()}
             a = next(iter(parts.values()))[0]
-            gain = float(parts["actuator_gain"][1][0]) if "actuator_gain" in parts else 1.0
-            jumps[a] = gain if set(parts) <= {"actuator_gain", "actuator_bias"} else 0.0
+            found[a] = f
             if "actuator_lag" in parts:
                 lag.add(a)
             if "back_emf" in parts:
+                gain = float(parts["actuator_gain"][1][0]) if "actuator_gain" in parts else 1.0
                 back_emf[a] = gain * float(self.ctx.model.actuator_gainprm[a, 0])
-        return lag, back_emf, jumps
+
+        def of(source: Source) -> Array:
+            out = servo_jumps(source.recording, source.states, plain)
+            for a, f in found.items():
+                if out[:, a].any():
+                    late = {t.name for t in f.hypothesis.terms} & LATE
+                    out[:, a] = 0.0 if late else jumps(plain, self.ctx, f, a, source)
+            return out
+
+        return lag, back_emf, of
 
     def export(self, spec: mujoco.MjSpec) -> dict[Term, bool]:
         """Add native forms to a compiled spec; returns which effects have one."""

@@ -30,7 +30,7 @@ def inverse_samples(
     data = mujoco.MjData(model)
     total = sum(max(s.recording.time.size - 2, 0) for s in sources)
     stride = max(1, total // limit)
-    q, v, a, residual, needed, drive, speed = [], [], [], [], [], [], []
+    q, v, a, residual, share, needed, drive, speed = [], [], [], [], [], [], [], []
     for s in sources:
         # a transition has no inner row
         held = activations(model, s)
@@ -48,13 +48,16 @@ def inverse_samples(
             a.append(data.qacc.copy())
             needed.append(data.qfrc_inverse.copy())
             drive.append(data.actuator_force.copy())
-            residual.append(data.qfrc_inverse - data.qfrc_actuator)
+            free = _beside_contacts(model, data)
+            residual.append(free @ (data.qfrc_inverse - data.qfrc_actuator))
+            share.append(np.diag(free))
             arm = data.xipos - data.subtree_com[model.body_rootid]
             speed.append(np.linalg.norm(data.cvel[:, 3:] + np.cross(data.cvel[:, :3], arm), axis=1))
     samples = Samples(
         np.array(q).reshape(len(q), model.nq),
         np.array(v).reshape(len(v), model.nv),
         np.array(residual).reshape(len(residual), model.nv),
+        np.array(share).reshape(len(share), model.nv),
     )
     return (
         samples,
@@ -63,6 +66,28 @@ def inverse_samples(
         np.array(a).reshape(len(a), model.nv),
         np.array(speed).reshape(len(speed), model.nbody),
     )
+
+
+def _beside_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Projector [nv, nv] of generalised forces onto those that no forces in the present contacts make. Forces are
+    compared by the accelerations that they give to single degrees of freedom."""
+    kind = mujoco.mjtConstraint
+    touching = np.isin(
+        data.efc_type[: data.nefc],
+        (kind.mjCNSTR_CONTACT_FRICTIONLESS, kind.mjCNSTR_CONTACT_PYRAMIDAL, kind.mjCNSTR_CONTACT_ELLIPTIC),
+    )
+    if not touching.any():
+        return np.eye(model.nv)
+    jacobian = np.zeros((data.nefc, model.nv))
+    if mujoco.mj_isSparse(model):
+        mujoco.mju_sparse2dense(jacobian, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
+    else:
+        jacobian[:] = data.efc_J.reshape(-1, model.nv)[: data.nefc]
+    jacobian = jacobian[touching]
+    weight = 1.0 / np.sqrt(model.dof_M0)
+    basis, singular, _ = np.linalg.svd((jacobian * weight).T, full_matrices=False)
+    basis = basis[:, singular > 1e-6 * singular.max(initial=0.0)]
+    return np.eye(model.nv) - (basis @ basis.T) * weight[None, :] / weight[:, None]
 
 
 def _rms(x: Array, floor: float) -> Array:

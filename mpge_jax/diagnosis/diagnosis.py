@@ -239,7 +239,7 @@ def _by_measured_forces(p: Prepared, plain: mujoco.MjModel) -> tuple[Prepared, A
     actuators = diagnose_actuators(p, plain, ids)
     if actuators is None:
         return p, None
-    drives = actuators.between_rows()
+    drives = actuators.between_rows(plain)
     p = with_drives(p, plain, *drives)
     servos = [a for a in map(int, np.flatnonzero(p.measured)) if is_servo(plain, a)]
     age = staleness(p, servos)

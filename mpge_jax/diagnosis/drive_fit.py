@@ -78,16 +78,36 @@ def log_of(source: Source, ctx: Context, actuator: int, dt: float, first_block: 
     u = clipped(m, r.known("ctrl"))[
         np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, t.size - 1), actuator
     ]
-    length = speed = np.zeros(t.size)
-    if is_joint_transmission(m, actuator):
-        joint, gear = int(m.actuator_trnid[actuator, 0]), float(m.actuator_gear[actuator, 0])
-        length = gear * source.states.qpos[:, m.jnt_qposadr[joint]]
-        speed = gear * source.states.qvel[:, m.jnt_dofadr[joint]]
+    length, speed = _motion(source, m, actuator)
     # the first point of the grid that sees the row's own command
     at = np.clip(np.ceil((t - t[0]) / dt - 1e-6).astype(int), 0, grid.size - 1)
     block = first_block + ((t - t[0]) / BLOCK_S).astype(int)
     force = r.known("force")[good, actuator]
     return Log(r.name, t[good], u[None], at[good], force, length[good], speed[good], block[good])
+
+
+def _motion(source: Source, m: mujoco.MjModel, actuator: int) -> tuple[Array, Array]:
+    """Length and speed [T] of an actuator on one joint; zeros of others."""
+    if not is_joint_transmission(m, actuator):
+        return np.zeros(source.recording.time.size), np.zeros(source.recording.time.size)
+    joint, gear = int(m.actuator_trnid[actuator, 0]), float(m.actuator_gear[actuator, 0])
+    states = source.states
+    return gear * states.qpos[:, m.jnt_qposadr[joint]], gear * states.qvel[:, m.jnt_dofadr[joint]]
+
+
+def jumps(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, source: Source) -> Array:
+    """By how much [T] a force under the law `f`, which knows no delay, jumps at each row as its command does."""
+    r = source.recording
+    sent = clipped(model, r.known("ctrl"))[:, actuator]
+    length, speed = _motion(source, model, actuator)
+    rows = np.arange(r.time.size)
+
+    def force(u: Array) -> Array:
+        log = Log(r.name, r.time, u[None], rows, np.zeros(rows.size), length, speed, rows)
+        return predict(model, ctx, f, actuator, log, ctx.period)
+
+    jump = force(sent) - force(np.concatenate([sent[:1], sent[:-1]]))
+    return np.where(np.isfinite(r.known("force")[:, actuator]), jump, 0.0)
 
 
 def predict(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, log: Log, dt: float) -> Array:

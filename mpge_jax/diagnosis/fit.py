@@ -131,7 +131,7 @@ def fit(
             if found.loss < best_of[id(p)].loss:
                 best_of[id(p)] = found
         promising = [p for p in active if best_of[id(p)] is not p.fit]
-        if sim.costly and promising:
+        if sim.costly(w) and promising:
             # what semi-implicit steps promise is kept if it is true
             thetas = [best_of[id(p)].theta for p in promising]
             res = sim.residuals([Run(p.fit.hypothesis, t) for p, t in zip(promising, thetas, strict=True)], w)
@@ -157,7 +157,7 @@ def fit(
 def _near(sim: Simulator, trials: list[tuple[_Problem, Array]], w: Windows) -> Iterator[Array]:
     """Residuals [W, N, 2 nv] of each trial, told from the point where its problem stands."""
     runs = [Run(p.fit.hypothesis, t) for p, t in trials]
-    if not sim.costly:
+    if not sim.costly(w):
         yield from sim.residuals(runs, w)
         return
     with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
@@ -246,7 +246,7 @@ def _linearise(sim: Simulator, problems: list[_Problem], w: Windows, white: Whit
             runs.append(Run(p.fit.hypothesis, theta))
     if not runs:
         return
-    if sim.costly:
+    if sim.costly(w):
         exact = sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in problems], w)
         with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
             res = sim.residuals(runs, w)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -117,16 +118,9 @@ def follows(model: mujoco.MjModel) -> np.ndarray:
 
 def _source(r: Recording, states: States, plain: mujoco.MjModel, measured: np.ndarray) -> Source:
     command = _command(r, plain, measured)
-    smooth = _smooth_part(r, states, command, plain, np.ones(plain.nu))
+    smooth = command - np.cumsum(servo_jumps(r, states, plain), axis=0)
     late = np.where(measured, 0.0, plain.actuator_delay)
     return Source.build(r, states, command, np.where(measured & follows(plain), smooth, 0.0), late=late)
-
-
-def _smooth_part(
-    r: Recording, states: States, command: np.ndarray, plain: mujoco.MjModel, share: np.ndarray
-) -> np.ndarray:
-    """Measured forces [T, nu] less the jumps that they make at rows. share: [nu] of the model's `servo_jumps`."""
-    return command - np.cumsum(share * servo_jumps(r, states, plain), axis=0)
 
 
 def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> np.ndarray:
@@ -169,24 +163,22 @@ def with_drives(
     plain: mujoco.MjModel,
     lag: set[int],
     back_emf: dict[int, float],
-    share: dict[int, float],
+    jumps: Callable[[Source], np.ndarray],
     age: dict[int, float] | None = None,
 ) -> Prepared:
     """The same with measured forces read as what drives them makes of them: a lagging motor's force is not held
     between rows, nor is the part of a motor's force that its speed takes away.
 
     Args:
-        plain: the nominal model. lag: actuators. back_emf: actuator -> force per command. share: actuator -> share of
-            the model's `servo_jumps` that its force makes (1 where it is not listed). age: actuator -> `staleness` (s).
+        plain: the nominal model. lag: actuators. back_emf: actuator -> force per command. jumps: by how much the forces
+            jump at each row [T, nu] (see `servo_jumps`). age: actuator -> `staleness` (s).
     """
     continuous = follows(plain)
     continuous[list(lag)] = True
-    shares = np.array([share.get(a, 1.0) for a in range(plain.nu)])
     ages = np.array([(age or {}).get(a, 0.0) for a in range(plain.nu)])
 
     def again(s: Source) -> Source:
-        smooth = _smooth_part(s.recording, s.states, s.command, plain, shares)
-        smooth = np.where(p.measured & continuous, smooth, 0.0)
+        smooth = np.where(p.measured & continuous, s.command - np.cumsum(jumps(s), axis=0), 0.0)
         for a, gain in back_emf.items():
             if not continuous[a]:
                 held = gain * np.nan_to_num(clipped(plain, s.recording.known("ctrl"))[:, a])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from mujoco.batch import Batch
 from mpge_jax.diagnosis.effects.base import Context, Step
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import clipped, has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
 
@@ -61,24 +63,36 @@ class Runtime:
 
     def _step(self) -> Step:
         m, b = self.model, self.batch
-        q, v = b.bind("qpos"), b.bind("qvel")
-        if not m.nu:
-            empty = np.zeros((q.shape[0], 0))
-            return Step(q, v, empty, empty, empty, empty, empty, empty, empty, self._body_velocity, self.dt)
-        u = b.bind("ctrl")
+        return self._observe(b.bind("qpos"), b.bind("qvel"), b.bind("ctrl") if m.nu else None)
+
+    def _observe(self, q: Array, v: Array, u: Array | None, rows: Array | None = None) -> Step:
+        """What the equations may read of some simulations (all, by default) in states q, v under commands u."""
+
+        def of(x: Array) -> Array:
+            return x if rows is None or len(x) == 1 else x[rows]
+
+        if u is None:
+            none = np.zeros((q.shape[0], 0))
+            return Step(q, v, none, none, none, none, none, none, none, self._body_velocity, self.dt)
         length, speed = self.gear * q[:, self.qadr], self.gear * v[:, self.dadr]
-        bias = np.where(self.affine_rows[..., None], self.bias, 0.0)
-        free = self.gain[..., 0] * clipped(m, u) + bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
-        f = np.clip(free, self.range[..., 0], self.range[..., 1])
+        gain, limits = of(self.gain), of(self.range)
+        bias = np.where(of(self.affine_rows)[..., None], of(self.bias), 0.0)
+        command = clipped(self.model, u)
+        free = gain[..., 0] * command + bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
+        f = np.clip(free, limits[..., 0], limits[..., 1])
         if self.last_force is not None:
-            free = np.where(self.formula, free, self.last_force)
-            f = np.where(self.formula, f, self.last_force)
-        shape = f.shape
+            last = of(self.last_force)
+            free, f = np.where(self.formula, free, last), np.where(self.formula, f, last)
         low, high, stiffness, damping = (
-            np.broadcast_to(x, shape)
-            for x in (self.range[..., 0], self.range[..., 1], bias[..., 1], bias[..., 2])
+            np.broadcast_to(x, f.shape) for x in (limits[..., 0], limits[..., 1], bias[..., 1], bias[..., 2])
         )
-        velocity, external = self._body_velocity, self._external
+
+        def velocity(body: int) -> Array:
+            return of(self._body_velocity(body))
+
+        def external(dof: int) -> Array:
+            return of(self._external(dof))
+
         return Step(q, v, u, f, free, low, high, stiffness, damping, velocity, self.dt, external)
 
     def _external(self, dof: int) -> Array:
@@ -93,10 +107,42 @@ class Runtime:
         arm = self.xipos[:, body] - self.com[:, root]
         return self.cvel[:, body, 3:] + np.cross(self.cvel[:, body, :3], arm)
 
-    def apply(self, first: bool) -> None:
-        m = self.model
-        if first and (self.bodies or self.loaded or self.last_force is not None):
+    def begin(self, w: Windows, window: Array, commanded: Callable[[int], Array]) -> None:
+        """Memories at the start of the windows, `window` [n] of each simulation; `commanded` gives the commands [n, nu]
+        of a step, negative before the start."""
+        if self.bodies or self.loaded or self.last_force is not None:
             self.batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_ACC))
+        s = self._step()
+        for g in self.groups:
+            part = _rows(s, g.rows)
+            g.memory = g.term.effect.memory(np, self.ctx, g.term.place, g.theta, part)
+            if g.term.effect.remembers:
+                g.memory = self._followed(g, w, window, commanded, part)
+
+    def _followed(
+        self, g: Group, w: Windows, window: Array, commanded: Callable[[int], Array], now: Step
+    ) -> Any:
+        """The memory at the start after the joint's recorded motion before it. Where a start is moved, the motion
+        before it is moved along."""
+        effect, place, rows = g.term.effect, g.term.place, g.rows
+        qadr, dof, mine = self.ctx.qadr(place), self.ctx.dof(place), window[rows]
+        past_q, past_v, known = (x[mine] for x in w.before(qadr, dof))
+        moved_q, moved_v = now.q[:, qadr] - w.q0[mine, qadr], now.v[:, dof] - w.v0[mine, dof]
+        q, v = now.q.copy(), now.v.copy()
+        memory, count = g.memory, w.history
+        for k in range(count):
+            q[:, qadr] = past_q[:, k] + moved_q - moved_v * w.dt * (count - k)
+            v[:, dof] = past_v[:, k] + moved_v
+            s = self._observe(q, v, commanded(k - count)[rows], rows)
+            if k == 0:
+                memory = effect.memory(np, self.ctx, place, g.theta, s)
+            _, after = effect.force(np, self.ctx, place, g.theta, s, memory)
+            memory = tuple(np.where(known[:, k], a, b) for a, b in zip(after, memory, strict=True))
+        return memory
+
+    def apply(self) -> None:
+        """Set the effects' forces for the next step."""
+        m = self.model
         s = self._step()
         self.qfrc[:] = self.push
         if self.bodies:
@@ -106,8 +152,6 @@ class Runtime:
         for g in self.groups:
             effect, place, rows = g.term.effect, g.term.place, g.rows
             part = _rows(s, rows)
-            if first:
-                g.memory = effect.memory(np, self.ctx, place, g.theta, part)
             forces, g.memory = effect.force(np, self.ctx, place, g.theta, part, g.memory)
             if forces.joint is not None:
                 self.qfrc[rows, self.ctx.dof(place)] += forces.joint

@@ -30,6 +30,8 @@ PROMISING = 0.01
 """Share of the loss that a linearised step must promise to be simulated."""
 NEARER = 0.1
 """How much nearer to nothing a start is taken that is worse than nothing."""
+NEARER_TIMES = 2
+"""How often that is done: in motion through impacts only slight changes can be followed."""
 STARTS = 2
 """Starting values of one term from which steps are simulated: those that promise most."""
 
@@ -152,19 +154,20 @@ def _starting_points(
             theta = hypothesis.gather(ctx, {**parts, term: start})
             problems.append((term, _Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
     _simulate([p for _, p in problems], near, white)
-    smaller: list[tuple[_Problem, _Problem]] = []
-    for term, p in problems:
-        naming = term.effect.naming(ctx, term.place)
-        if p.fit.loss < before + PROMISING * min(before, 3.0) or not naming:
-            continue
-        part = _slice(ctx, p.fit.hypothesis, term)
-        null, theta = term.effect.null(ctx, term.place), p.fit.theta.copy()
-        theta[part][naming] = null[naming] + NEARER * (theta[part][naming] - null[naming])
-        smaller.append((p, _Problem(Fitted(p.fit.hypothesis, theta, theta.copy()), p.params)))
-    _simulate([q for _, q in smaller], near, white)
-    for p, q in smaller:
-        if q.fit.loss < p.fit.loss:
-            p.fit, p.whitened = q.fit, q.whitened
+    for _ in range(NEARER_TIMES):
+        smaller: list[tuple[_Problem, _Problem]] = []
+        for term, p in problems:
+            naming = term.effect.naming(ctx, term.place)
+            if p.fit.loss < before + PROMISING * min(before, 3.0) or not naming:
+                continue
+            part = _slice(ctx, p.fit.hypothesis, term)
+            null, theta = term.effect.null(ctx, term.place), p.fit.theta.copy()
+            theta[part][naming] = null[naming] + NEARER * (theta[part][naming] - null[naming])
+            smaller.append((p, _Problem(Fitted(p.fit.hypothesis, theta, theta.copy()), p.params)))
+        _simulate([q for _, q in smaller], near, white)
+        for p, q in smaller:
+            if q.fit.loss < p.fit.loss:
+                p.fit, p.whitened = q.fit, q.whitened
     return problems
 
 

@@ -43,7 +43,7 @@ QUIET, SETTLED = 1.1, 1.25
 """Mean loss of a model from which nothing is missing, as given and with effects that were found (whose law is never
 exact to the noise). It leaves too little for an effect to be `needed`."""
 NAMED = 4.0
-"""Deviations by which a naming parameter must differ from its null value."""
+"""Deviations by which a contrast must differ from its value at null."""
 STEPS = 0.75
 """Timesteps that a delay or time constant lasts at least, unless it halves the loss: a semi-implicit step acts half a
 step early, which another integrator or a finer timestep behind the recordings does not."""
@@ -271,20 +271,24 @@ class Search:
         return float(np.max(change / np.maximum(error, 1e-300), initial=0.0, where=error > 0))
 
     def named(self, f: Fitted, without: Hypothesis = Hypothesis()) -> bool:  # noqa: B008
-        """Whether every added term has a naming parameter that differs clearly from its null value."""
+        """Whether every added term differs clearly from what its effect vanishes in."""
         return all(z >= NAMED for term, z in self.strength(f).items() if term not in without.terms)
 
     def strength(self, f: Fitted) -> dict[Term, float]:
-        """By how many deviations the best naming parameter of each term differs from its null value."""
+        """By how many deviations each term's `contrasts`, together or the best by itself, differ from null."""
         ctx, out = self.sim.ctx, {}
         for term, part in zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True):
-            naming = term.effect.naming(ctx, term.place)
-            if not naming or not f.cov.size:
+            contrasts = term.effect.contrasts(ctx, term.place)
+            if not len(contrasts) or not f.cov.size:
                 out[term] = np.inf
                 continue
-            delta = np.abs(f.theta[part] - term.effect.null(ctx, term.place))[naming]
-            deviation = np.sqrt(np.maximum(np.diag(f.cov)[part][naming], 1e-300))
-            out[term] = float((delta / deviation).max())
+            delta = contrasts @ (f.theta[part] - term.effect.null(ctx, term.place))
+            cov = contrasts @ f.cov[part, part] @ contrasts.T
+            deviation = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+            # of a wave, amplitude and phase may be known where neither of its two parts is
+            z = delta / deviation
+            together = z @ np.linalg.pinv(cov / np.outer(deviation, deviation), hermitian=True) @ z
+            out[term] = max(float(np.abs(z).max()), float(np.sqrt(max(together, 0.0))))
         return out
 
 

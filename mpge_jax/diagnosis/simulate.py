@@ -20,6 +20,8 @@ from mpge_jax.diagnosis.runtime import Group, Runtime
 from mpge_jax.diagnosis.windows import Windows, hermite
 
 Array = np.ndarray
+MANY_STEPS = 50
+"""Steps of a window from which semi-implicit steps show what a change does nearly as Runge-Kutta's do."""
 CHUNK = 3000
 """Simulations stepped together; more do not fit the caches."""
 _DIVERGED = 1e5
@@ -56,7 +58,7 @@ class Near:
 
     @staticmethod
     def to(sim: Simulator, known: Run, w: Windows) -> Near:
-        if not sim.costly:
+        if not sim.costly(w):
             return Near(sim, w, None)
         exact = sim.residuals([known], w)[0]
         with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
@@ -115,10 +117,9 @@ class Simulator:
         self.model = _without_autoreset(self.model)
         self.ctx = replace(self.ctx, model=self.model)
 
-    @property
-    def costly(self) -> bool:
-        """Whether a step evaluates the dynamics four times."""
-        return bool(self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4)
+    def costly(self, w: Windows) -> bool:
+        """Whether steps evaluate the dynamics four times, and there are so many that semi-implicit ones come near."""
+        return bool(self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4) and w.steps >= MANY_STEPS
 
     @contextmanager
     def integrator(self, kind: mujoco.mjtIntegrator) -> Iterator[None]:
@@ -212,7 +213,7 @@ class Simulator:
         return integrate(m, q0, move), v0
 
     def _commands(self, groups: list[Group], w: Windows, window: Array) -> dict[int, tuple[Array, Array]]:
-        """Changed command timelines: actuator -> (rows, [rows, K])."""
+        """Changed command timelines: actuator -> (rows, [rows, H + K])."""
         out: dict[int, dict[int, Array]] = {}
         for g in groups:
             if not g.term.effect.commands:
@@ -225,10 +226,7 @@ class Simulator:
                     u[i] = done[row]
             u = g.term.effect.timeline(self.ctx, g.term.place, g.theta, u, w.dt)
             done.update(zip(g.rows.tolist(), u, strict=True))
-        return {
-            a: (np.array(list(rows)), np.array(list(rows.values()))[:, w.history :])
-            for a, rows in out.items()
-        }
+        return {a: (np.array(list(rows)), np.array(list(rows.values()))) for a, rows in out.items()}
 
     def _roll(
         self,
@@ -244,7 +242,14 @@ class Simulator:
         m, n, steps = self.model, window.size, w.steps
         qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
         ctrl = batch.bind("ctrl") if m.nu else None
-        table = w.command[:, w.history :]
+
+        def commanded(k: int) -> Array:
+            """Commands [n, nu] in step k of the windows, negative before their starts."""
+            out = w.command[window, w.history + k]
+            for a, (rows, u) in commands.items():
+                out[rows, a] = u[:, w.history + k]
+            return out
+
         push = np.zeros((n, m.nv))
         for run, rows in zip(runs, rows_of, strict=True):
             if run.push is not None:
@@ -255,11 +260,11 @@ class Simulator:
         q_all[0], v_all[0] = qpos, qvel
         for k in range(steps):
             if ctrl is not None:
-                ctrl[:] = table[window, k]
-                for a, (rows, u) in commands.items():
-                    ctrl[rows, a] = u[:, k]
+                ctrl[:] = commanded(k)
+            if engine is not None and k == 0:
+                engine.begin(w, window, commanded)
             if engine is not None:
-                engine.apply(first=k == 0)
+                engine.apply()
             batch.step()
             wild = ~(np.abs(qvel).max(1) < _DIVERGED)
             if wild.any():

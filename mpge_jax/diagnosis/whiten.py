@@ -138,7 +138,7 @@ def whitener(
     columns = np.clip(columns, -_CAP, _CAP)
     stack = [KAPPA * columns]
     if nuisance:
-        extra = [np.where(seen, d / scale, 0.0).reshape(1, w.count, -1) for d in nuisance]
+        extra = [np.where(seen & np.isfinite(d), d / scale, 0.0).reshape(1, w.count, -1) for d in nuisance]
         stack += [NUISANCE * np.clip(e, -_CAP, _CAP) for e in extra]
     u = np.moveaxis(np.concatenate(stack), 0, -1)
     basis, singular, _ = np.linalg.svd(u, full_matrices=False)
@@ -168,16 +168,19 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
     """Changes of the residuals [W, N, 2 nv] by what is no physics.
 
     The timestep is halved (of Runge-Kutta, which that does not change: replaced by semi-implicit steps of a quarter),
-    and the commands act an eighth of a timestep later.
+    the commands act an eighth of a timestep later, and explicit steps are made implicit in the velocity or the other
+    way round, which moves stiff servos and strong damping otherwise than a timestep does.
     """
-    run = [Run(hypothesis, theta)]
+    run, kind = [Run(hypothesis, theta)], mujoco.mjtIntegrator
     plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(w.dt / 8)))
-    if sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
-            finer = sim.residuals(run, w.refined(4))[0]
-    else:
-        finer = sim.residuals(run, w.refined(2))[0]
-    return [finer - plain, late - plain]
+    if sim.model.opt.integrator == kind.mjINT_RK4:
+        with sim.integrator(kind.mjINT_EULER):
+            return [sim.residuals(run, w.refined(4))[0] - plain, late - plain]
+    finer = sim.residuals(run, w.refined(2))[0]
+    explicit = sim.model.opt.integrator == kind.mjINT_EULER
+    with sim.integrator(kind.mjINT_IMPLICITFAST if explicit else kind.mjINT_EULER):
+        other = sim.residuals(run, w)[0]
+    return [finer - plain, late - plain, other - plain]
 
 
 def robust_loss(x: Array) -> Array:

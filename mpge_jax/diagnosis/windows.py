@@ -13,7 +13,8 @@ from mpge_jax.diagnosis.states import Noise, States
 
 Array = np.ndarray
 HISTORY = 0.8
-"""Seconds of commands kept before a window, for delays and lags: five time constants of a slow drive."""
+"""Seconds of commands and motion kept before a window, for delays, lags and what stands between motor and link: five
+time constants of a slow drive."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,21 @@ class Windows:
         """The same windows with commands that act later."""
         grid = self.dt * np.arange(-self.history, self.steps + 1) - seconds
         return replace(self, command=self._commands(grid))
+
+    def before(self, qadr: int, dof: int) -> tuple[Array, Array, Array]:
+        """How one scalar joint came to the starts.
+
+        Returns:
+            Its estimated position and velocity [W, H] at the steps before each start, and [W, H] whether they lie in
+            the recording: where not, they are those of its first row.
+        """
+        times = self.start[:, None] + self.dt * np.arange(-self.history, 0)
+        q, v, known = np.empty(times.shape), np.empty(times.shape), np.empty(times.shape, bool)
+        for k, source in enumerate(self.source):
+            first = self.sources[source].recording.time[0]
+            q[k], v[k] = self.sources[source].state_at(np.maximum(times[k], first), qadr, dof)
+            known[k] = times[k] > first - 1e-9
+        return q, v, known
 
     def _commands(self, grid: Array) -> Array:
         """Mean commands [W, L, nu] between consecutive times `grid` [L + 1] after the starts."""

@@ -8,13 +8,14 @@ import pytest
 from machines import excitation
 
 from mpge_jax.diagnosis import Config, Recording
-from mpge_jax.diagnosis.actuator_side import diagnose_actuators
+from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
+from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, names_of
-from mpge_jax.diagnosis.prepare import Prepared, prepare, servo_jumps, with_drives
+from mpge_jax.diagnosis.prepare import Prepared, plain_force, prepare, servo_jumps, with_drives
 from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.staleness import staleness
 from mpge_jax.diagnosis.states import States
@@ -118,7 +119,8 @@ def test_the_age_of_servo_forces_is_told_from_damping_that_one_joint_lacks(step)
     # a simulated servo computes once a timestep and holds that
     assert staleness(p, [0, 1, 2, 3]) == pytest.approx(step / 2, abs=1e-4 + 0.1 * step)
     assert staleness(p, [0, 1]) == 0.0
-    late = with_drives(p, plain, set(), {}, {}, age={0: 0.002}).train_sources[0]
+    nominal = ActuatorSide(p.ctx).between_rows(plain)
+    late = with_drives(p, plain, *nominal, age={0: 0.002}).train_sources[0]
     np.testing.assert_array_equal(late.integral[:, 1:], p.train_sources[0].integral[:, 1:])
     t, smooth = late.recording.time, late.smooth[:, 0]
     before = np.interp(t - 0.002, t, smooth)
@@ -133,16 +135,37 @@ def test_less_damping_than_modelled_at_one_joint_is_no_age():
     assert staleness(p, [0, 1, 2, 3]) == 0.0
 
 
-def test_a_servo_that_was_found_to_differ_jumps_as_it_does():
-    p, _ = _search(_driven(0.0, gain=0.5))
+def _biased(r: Recording) -> Recording:
+    assert r.force is not None
+    return dataclasses.replace(r, force=r.force + 0.7)
+
+
+def _saturated(r: Recording) -> Recording:
+    assert r.force is not None
+    return dataclasses.replace(r, force=np.clip(r.force, -1.0, 1.0))
+
+
+@pytest.mark.parametrize("change", ["actuator_gain", "actuator_bias", "torque_saturation"])
+def test_a_servo_that_was_found_to_differ_jumps_as_it_does(change):
+    runs = _driven(0.0, gain=0.5 if change == "actuator_gain" else 1.0)
+    if change != "actuator_gain":
+        runs = [{"actuator_bias": _biased, "torque_saturation": _saturated}[change](r) for r in runs]
+    p, _ = _search(runs)
     plain = compile_variable(p.spec)
-    found = diagnose_actuators(p, plain, ["actuator_gain", "actuator_delay", "actuator_bias"])
-    assert found is not None
-    share = found.between_rows()[2]
-    assert share[0] == pytest.approx(0.5, rel=0.05)
-    again = with_drives(p, plain, *found.between_rows()).train_sources[0]
+    found = diagnose_actuators(p, plain, [i for i in REGISTRY if i.partition(":")[0] == change])
+    assert found is not None and [e["id"] for e in found.effects] == [change]
+    again = with_drives(p, plain, *found.between_rows(plain)).train_sources[0]
     r = again.recording
-    jumps = 0.5 * servo_jumps(r, again.states, plain)
+    nominal = servo_jumps(r, again.states, plain)
+    if change == "actuator_gain":
+        jumps = 0.5 * nominal
+    elif change == "actuator_bias":
+        jumps = nominal
+    else:
+        ctrl, before = r.ctrl, np.concatenate([r.ctrl[:1], r.ctrl[:-1]])
+        jumps = np.clip(plain_force(plain, 0, ctrl, again.states), -1.0, 1.0)
+        jumps = (jumps - np.clip(plain_force(plain, 0, before, again.states), -1.0, 1.0))[:, None]
+        assert np.abs(jumps - nominal).max() > 0.1
     mean = 0.5 * (again.command[:-1] + again.command[1:] - jumps[1:])
     np.testing.assert_allclose(np.diff(again.integral, axis=0), 0.01 * mean, atol=2e-4)
 

@@ -7,7 +7,7 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
-from machines import PENDULUM, record
+from machines import ARM, PENDULUM, record
 
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis import prepare as preparation
@@ -25,7 +25,7 @@ from mpge_jax.diagnosis.select import LOUD, QUIET, SMALL
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.states import States, estimate
 from mpge_jax.diagnosis.telling import SCREEN_WINDOWS, screen_windows
-from mpge_jax.diagnosis.whiten import column_scale, robust_loss, whitener
+from mpge_jax.diagnosis.whiten import column_scale, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.windows import Source
 
 FLYER = """<mujoco><option timestep="0.004" gravity="0 0 0"/><worldbody><body name="frame"><freejoint/>
@@ -219,6 +219,21 @@ def test_what_one_of_many_joints_lacks_does_not_drown(lacking):
     assert robust_loss(white.excess(flat)).mean() < QUIET and white.factor == 1.0
     assert (np.flatnonzero(each > LOUD) == ([3] if lacking else [])).all()
     assert s.at_noise(NOTHING, white) == (not lacking)
+
+
+def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
+    """MuJoCo's Euler takes a servo's damping at the old speed, implicitfast at the new one."""
+    stiff = ARM.replace('kp="8" kv="0.4"', 'kp="60" kv="1.5"')
+    explicit = stiff.replace('"implicitfast"', '"Euler"').replace('"0.002"', '"0.004"')
+    s = _search(_prepared(stiff, record(explicit, 0.8, noise=3e-6)))
+    nothing = Run(NOTHING.hypothesis, NOTHING.theta)
+    changes = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held)
+    losses = []
+    for nuisance in (changes, changes[:2]):
+        white = whitener(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held, s.noise, nuisance, temper=False)
+        losses.append(robust_loss(white.excess(white(s.sim.residuals([nothing], s.held))[0])).mean())
+    assert losses[0] < 1.1 < 2.0 < losses[1]
+    assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
 
 
 @pytest.mark.parametrize(("timestep", "warned"), [("0.002", True), ("0.008", False)])

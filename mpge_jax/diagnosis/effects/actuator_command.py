@@ -20,7 +20,9 @@ class ActuatorDelay(OfActuator):
     id, order, commands = "actuator_delay", -2, True
     equation = "u(t - T)"
     says = "The actuator {at} obeys its command {delay} late."
-    tries = (2.0, 8.0)
+    tries = (1.0, 3.0, 9.0)
+    """Off whole periods, where predictions have a kink."""
+    jagged = True
     remedy = "a chirp of commands over a wide band, with a second sensor that shows when the response begins"
     max_delay = 0.25
 

@@ -10,6 +10,12 @@ from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 
+LEAST_FREE, FEWEST = 0.05, 50
+"""Share of a joint's force that no contact could make instead, from which a sample tells about it, and how many such
+samples it takes."""
+OUTLYING = 3.0
+"""Medians of the missing torque beyond which a sample is wild (impacts)."""
+
 
 @register
 class JointStiffness(Effect):
@@ -68,33 +74,34 @@ class CoggingTorque(Effect):
         )
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        """The sinusoids of the angle that the missing torque is most nearly."""
         a, b, _ = self.params(ctx, place)
-        return np.array([[a.scale, b.scale, n] for n in self._periods(ctx, place)])
-
-    def _periods(self, ctx: Context, place: Place) -> list[float]:
-        """The numbers of periods at which the missing torque is most nearly a sinusoid of the angle."""
-        if ctx.samples is None or not len(ctx.samples.q):
-            return [4.0, 12.0]
-        q, r = ctx.samples.q[:, ctx.qadr(place)], ctx.samples.residual[:, ctx.dof(place)]
-        v = ctx.samples.v[:, ctx.dof(place)]
-        limit = np.quantile(np.abs(r), 0.95) + 1e-12
+        unknown = np.array([[a.scale, b.scale, n] for n in (4.0, 12.0)])
+        if ctx.samples is None:
+            return unknown
+        dof = ctx.dof(place)
+        free = ctx.samples.share[:, dof] > LEAST_FREE
+        q, v = ctx.samples.q[free, ctx.qadr(place)], ctx.samples.v[free, dof]
+        if q.size < FEWEST:
+            return unknown
+        # a force f leaves share * f, with errors that shrink as the root of the share
+        weight = np.sqrt(ctx.samples.share[free, dof])
+        r = ctx.samples.residual[free, dof] / weight
+        limit = OUTLYING * np.median(np.abs(r)) + 1e-12
         r = np.clip(r, -limit, limit)
         span = max(float(np.ptp(q)), 1e-2)
-        grid = np.arange(max(2.0, 3.0 / span), 80.0, min(0.5, 1.0 / span))
-        basis = np.stack([np.ones_like(q), q, v, np.sign(v)], 1)
-        power = []
-        for n in grid:
-            x = np.concatenate([basis, np.sin(n * q)[:, None], np.cos(n * q)[:, None]], 1)
+        plain = np.stack([np.ones_like(q), q, v, np.sign(v)], 1)
+        tried = []
+        for n in np.arange(max(2.0, 3.0 / span), 80.0, min(0.5, 1.0 / span)):
+            wave = np.stack([np.sin(n * q), np.cos(n * q)], 1)
+            x = np.concatenate([wave, plain], 1) * weight[:, None]
             coefficients = np.linalg.lstsq(x, r, rcond=None)[0]
-            power.append(-float(((r - x @ coefficients) ** 2).sum()))
-        order = np.argsort(power)[::-1]
-        picked: list[float] = []
-        for i in order:
-            if all(abs(grid[i] - p) > 3.0 / span for p in picked):
-                picked.append(float(grid[i]))
-            if len(picked) == 3:
-                break
-        return picked
+            tried.append((float(((r - x @ coefficients) ** 2).sum()), [*coefficients[:2], n]))
+        picked: list[list[float]] = []
+        for _, theta in sorted(tried, key=lambda entry: entry[0]):
+            if len(picked) < 3 and all(abs(theta[2] - p[2]) > 3.0 / span for p in picked):
+                picked.append(theta)
+        return np.array(picked)
 
     def detours(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         """Neighbouring numbers of periods, of the same phase in the middle of the motion: the fit is as wavy in them as

@@ -75,6 +75,8 @@ class Effect:
     """Value of the parameters at which the effect vanishes."""
     runtime = False
     """Whether `force` must be called each step."""
+    remembers = False
+    """Whether the memory of `force` at a window's start is to be followed through the recorded motion before it."""
     external = False
     """Whether `force` reads `Step.external`."""
     commands = False
@@ -167,6 +169,11 @@ class Effect:
     def naming(self, ctx: Context, place: Place) -> list[int]:
         """Indices of the parameters of which at least one must differ from `null` for the effect to exist."""
         return next(iter(self._groups(ctx, place).values()), [])
+
+    def contrasts(self, ctx: Context, place: Place) -> np.ndarray:
+        """Combinations [k, p] of the parameters of which at least one must differ from its value at `null` for this to
+        be the effect, and not a plainer one that it contains: by default each of `naming` by itself."""
+        return np.eye(len(self.params(ctx, place)))[self.naming(ctx, place)]
 
     def null(self, ctx: Context, place: Place) -> np.ndarray:
         """Parameters at which the effect vanishes."""

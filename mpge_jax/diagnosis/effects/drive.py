@@ -36,7 +36,7 @@ class Drive(Effect):
     torque in place of the actuator's.
     """
 
-    kinds, tier, runtime = ("joint",), 3, True
+    kinds, tier, runtime, remembers = ("joint",), 3, True, True
     fields, set_const = ("dof_armature",), True
 
     def places(self, ctx: Context) -> list[Place]:
@@ -126,7 +126,7 @@ class JointFlexibility(Drive):
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         k, d = self.params(ctx, place)
-        return np.array([[10 * k.scale * f, d.scale * f**0.5] for f in (0.25, 1.0, 5.0)])
+        return np.array([[10 * k.scale * f, d.scale * f**0.5] for f in (0.04, 0.12, 0.4, 1.2, 5.0)])
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return []

@@ -37,7 +37,7 @@ def _damping(ctx: Context, place: Place, name: str = "coefficient") -> Param:
     return Param(name, joint_unit(ctx, place, "N m s/rad", "N s/m"), 0.0, 500 * scale, scale)
 
 
-COARSE = 0.1
+COARSE = 0.02
 """Share of its speed that damping as large as the joint's torques takes from a joint in a timestep."""
 
 
@@ -230,6 +230,10 @@ class AsymmetricFriction(_Dry):
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return [0, 1, 2, 3]
+
+    def contrasts(self, ctx: Context, place: Place) -> np.ndarray:
+        """The directions differ."""
+        return np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any

@@ -1,0 +1,182 @@
+"""Where fits begin: memories at the start of windows, first guesses, and what makes a guess useless."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from machines import ARM, BOX, PENDULUM, excitation, record
+
+from mpge_jax.diagnosis import Config, Recording
+from mpge_jax.diagnosis.build_search import build_search
+from mpge_jax.diagnosis.context import _beside_contacts
+from mpge_jax.diagnosis.corrected import CorrectedModel
+from mpge_jax.diagnosis.effects.base import REGISTRY, Place
+from mpge_jax.diagnosis.effects.drive import JointFlexibility
+from mpge_jax.diagnosis.fit import NOTHING, Fitted
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.model import compile_variable, names_of
+from mpge_jax.diagnosis.prepare import prepare
+from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.screen import screen
+from mpge_jax.diagnosis.select import NAMED, Search
+from mpge_jax.diagnosis.simulate import MANY_STEPS, Run
+from mpge_jax.diagnosis.whiten import robust_loss
+
+HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
+FLEXIBLE = {"stiffness": 8.0, "damping": 0.02}
+
+
+def _search(xml: str, recordings: list[Recording]) -> Search:
+    spec = mujoco.MjSpec.from_string(xml)
+    plain = compile_variable(spec)
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    return build_search(p, lambda _text: None, p.config.decide_s)
+
+
+def _known(s: Search, term: Term, theta: list[float]) -> Fitted:
+    return Fitted(Hypothesis.of(term), np.array(theta), np.array(theta))
+
+
+def _loss(s: Search, f: Fitted) -> float:
+    white = s.whiten_one(f, s.held, temper=False)
+    return float(
+        robust_loss(white.excess(white(s.sim.residuals([Run(f.hypothesis, f.theta)], s.held))[0])).mean()
+    )
+
+
+@pytest.fixture(scope="module")
+def elastic() -> Search:
+    """A pendulum whose motor swings behind a soft spring."""
+    entry = {"id": "joint_flexibility", "at": "hinge", "kind": "joint", "parameters": FLEXIBLE}
+    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), [entry])
+    rng, runs = np.random.default_rng(0), []
+    for k in range(3):
+        stepper, rows = corrected.c_stepper(), []
+        stepper.reset(np.zeros(1), np.zeros(1))
+        for i in range(200):
+            u = excitation(k, i / 100, np.array([k]), np.array([0.8]))
+            rows.append((i / 100, stepper.data.qpos.copy(), u))
+            stepper.step(u, 5)
+        t, q, u = (np.array(x) for x in zip(*rows, strict=True))
+        runs.append(Recording(f"run_{k}", t, q + 1e-4 * rng.standard_normal(q.shape), None, u))
+    return _search(PENDULUM, runs)
+
+
+def test_a_motor_behind_a_spring_starts_as_the_recording_left_it(elastic, monkeypatch):
+    term = Term("joint_flexibility", HINGE)
+    f = _known(elastic, term, list(FLEXIBLE.values()))
+    assert _loss(elastic, f) < 1.3
+    # at rest in the torque of the moment, as one that was never recorded must be believed to be
+    monkeypatch.setattr(JointFlexibility, "remembers", False)
+    assert _loss(elastic, f) > 3.0
+
+
+def test_motion_before_a_window_ends_where_the_window_starts(elastic):
+    w = elastic.train
+    q, v, known = w.before(0, 0)
+    assert q.shape == v.shape == known.shape == (w.count, w.history)
+    # a step before the start, and only what was recorded
+    np.testing.assert_allclose(q[:, -1] + w.dt * v[:, -1], w.q0[:, 0], atol=2e-3)
+    first = np.array([w.sources[s].recording.time[0] for s in w.source])
+    np.testing.assert_array_equal(
+        known.sum(1), np.minimum(np.floor((w.start - first) / w.dt + 1e-6), w.history)
+    )
+    early = int(np.argmin(w.start - first))
+    assert (q[early, ~known[early]] == w.sources[w.source[early]].states.qpos[0, 0]).all()
+
+
+def test_soft_and_stiff_springs_are_tried(elastic):
+    starts = JointFlexibility().starts(elastic.sim.ctx, HINGE)
+    torque = float(elastic.sim.ctx.torque[0])
+    # deflections of a radian to a hundredth at the joint's torques
+    assert starts[:, 0].min() < 2 * torque and starts[:, 0].max() > 90 * torque
+
+
+@pytest.mark.parametrize("timestep", ["0.002", "0.02"])
+def test_a_delay_within_a_period_is_found_in_coarse_steps_too(timestep):
+    """Predictions have a kink at whole periods, and long semi-implicit steps are no Runge-Kutta's."""
+    late, rows = 0.012, 0.02
+    xml = PENDULUM.replace('"0.002"', f'"{timestep}"').replace("implicitfast", "RK4")
+    rng, runs = np.random.default_rng(0), []
+    for k in range(4):
+        model = mujoco.MjModel.from_xml_string(xml)
+        model.opt.timestep = 0.001
+        data, log, before = mujoco.MjData(model), [], np.zeros(1)
+        for i in range(100):
+            u = excitation(k, i * rows, np.array([k]), np.array([1.0]))
+            log.append((i * rows, data.qpos.copy(), u))
+            for j in range(20):
+                data.ctrl[:] = u if j * 0.001 >= late - 1e-9 else before
+                mujoco.mj_step(model, data)
+            before = u
+        t, q, u = (np.array(x) for x in zip(*log, strict=True))
+        runs.append(Recording(f"run_{k}", t, q + 1e-4 * rng.standard_normal(q.shape), None, u))
+    s = _search(xml, runs)
+    assert s.sim.costly(s.train) == (s.train.steps >= MANY_STEPS) == (timestep == "0.002")
+    delay = Term("actuator_delay", MOTOR)
+    starts = delay.effect.starts(s.sim.ctx, MOTOR)[:, 0] / rows
+    assert (np.abs(starts - np.round(starts)) > 0.2).all() and starts.min() < 1.0
+    (found,) = screen(s.sim, NOTHING, [delay], *s.sample(NOTHING, s.whiten_one(NOTHING, s.train)))
+    assert found.theta[0] == pytest.approx(late, abs=0.004)
+
+
+def test_what_contacts_could_be_is_no_missing_force():
+    model = mujoco.MjModel.from_xml_string(BOX)
+    data = mujoco.MjData(model)
+    data.qpos[1] = 0.5
+    mujoco.mj_forward(model, data)
+    np.testing.assert_array_equal(_beside_contacts(model, data), np.eye(2))
+    data.qpos[1] = -1e-4
+    mujoco.mj_forward(model, data)
+    # the floor can push the box up and along
+    np.testing.assert_allclose(_beside_contacts(model, data), 0.0, atol=1e-9)
+    leg = ARM.replace(
+        "<worldbody>", '<worldbody><geom name="floor" type="plane" size="5 5 1" pos="0 0 -.5"/>'
+    )
+    leg = leg.replace('fromto="0 0 0 0 0 -.25" size=".025" mass=".6" contype="0" conaffinity="0"',
+                      'fromto="0 0 0 0 0 -.25" size=".025" mass=".6"')  # fmt: skip
+    for jacobian in ("dense", "sparse"):
+        model = mujoco.MjModel.from_xml_string(
+            leg.replace('integrator="implicitfast"', f'integrator="implicitfast" jacobian="{jacobian}"')
+        )
+        data = mujoco.MjData(model)
+        data.qpos[:] = [0.5, -0.6]
+        mujoco.mj_forward(model, data)
+        assert data.ncon
+        free = _beside_contacts(model, data)
+        jac = np.zeros((3, 2))
+        mujoco.mj_jac(model, data, jac, None, data.contact[0].pos, 2)
+        toward = jac.T @ np.array([0.0, 0.0, 1.0])
+        np.testing.assert_allclose(free @ toward, 0.0, atol=1e-9)
+        np.testing.assert_allclose(free @ free, free, atol=1e-9)
+
+
+def test_cogs_are_guessed_from_the_missing_torque():
+    def cogs(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_applied[0] = 0.06 * np.sin(25.0 * data.qpos[0] + 0.7)
+
+    s = _search(PENDULUM, record(PENDULUM, 0.5, force=cogs, noise=1e-5))
+    a, b, n = REGISTRY["cogging_torque"].starts(s.sim.ctx, HINGE)[0]
+    assert n == pytest.approx(25.0, abs=0.5)
+    assert [a, b] == pytest.approx([0.06 * np.cos(0.7), 0.06 * np.sin(0.7)], abs=0.02)
+
+
+def test_a_wave_is_told_by_its_size_where_its_phase_is_unknown(elastic):
+    term = Term("cogging_torque", HINGE)
+    wave = np.array([1.0, 1.0]) / np.sqrt(2)
+    # one deviation of the phase, a tenth of the size
+    cov = np.diag([1.0, 1.0, 1.0])
+    cov[:2, :2] = 0.01 * np.outer(wave, wave) + np.outer([wave[1], -wave[0]], [wave[1], -wave[0]])
+    f = Fitted(Hypothesis.of(term), np.array([*wave, 9.0]), np.zeros(3), cov=cov)
+    assert elastic.strength(f)[term] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(("backward", "named"), [(0.05, False), (0.03, True)])
+def test_friction_is_asymmetric_where_its_directions_differ(elastic, backward, named):
+    term = Term("asymmetric_friction", HINGE)
+    theta = np.array([0.05, backward, 0.01, 0.01])
+    f = Fitted(Hypothesis.of(term), theta, theta, cov=1e-6 * np.eye(4))
+    assert elastic.named(f) == named
+    if named:
+        assert elastic.strength(f)[term] == pytest.approx(0.02 / np.sqrt(2e-6)) and NAMED < 14
