@@ -294,6 +294,7 @@ def _jackknife(precision: Array, parts: Array, scores: Array, scale: Array) -> A
     n = max(len(scores), 1)
     values, vectors = np.linalg.eigh(precision * scale[:, None] * scale[None, :])
     root = scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-12))
+    scores = scores - parts @ (root @ (root.T @ scores.sum(0)))
     kept, axes = np.linalg.eigh(np.eye(len(scale)) - root.T @ parts @ root)
     # where one window knows all but a thousandth, the others say no more than that
     steps = np.einsum("wpk,wp->wk", axes, scores @ root) / np.maximum(kept, 1e-3)

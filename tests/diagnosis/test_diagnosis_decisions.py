@@ -404,11 +404,13 @@ def test_variances_are_those_of_leaving_out_each_window():
     moved = np.array([regression(np.delete(everything, k)) for k in everything])
     parts = np.einsum("wmp,wmq->wpq", x, x)
     precision = parts.sum(0)
-    scores = np.einsum("wmp,wm->wp", x, y - x @ theta)
-    np.testing.assert_allclose(
-        _jackknife(precision, parts, scores, 1 / np.sqrt(np.diag(precision))),
-        ((moved - theta) ** 2).sum(0) * (windows - 1) / windows,
-    )
+    # also where the fit stopped before it arrived
+    for reached in (theta, theta + [0.5, -0.3]):
+        scores = np.einsum("wmp,wm->wp", x, y - x @ reached)
+        np.testing.assert_allclose(
+            _jackknife(precision, parts, scores, 1 / np.sqrt(np.diag(precision))),
+            ((moved - theta) ** 2).sum(0) * (windows - 1) / windows,
+        )
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
