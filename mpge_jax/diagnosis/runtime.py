@@ -116,20 +116,28 @@ class Runtime:
         for g in self.groups:
             part = _rows(s, g.rows)
             g.memory = g.term.effect.memory(np, self.ctx, g.term.place, g.theta, part)
-            if g.term.effect.remembers:
-                g.memory = self._followed(g, w, window, commanded, part)
+            seconds = g.term.effect.remembers(self.ctx, g.term.place, g.theta)
+            steps = int(min(np.ceil(seconds / w.dt), w.history))
+            if steps:
+                g.memory = self._followed(g, steps, w, window, commanded, part)
 
     def _followed(
-        self, g: Group, w: Windows, window: Array, commanded: Callable[[int], Array], now: Step
+        self,
+        g: Group,
+        count: int,
+        w: Windows,
+        window: Array,
+        commanded: Callable[[int], Array],
+        now: Step,
     ) -> Any:
-        """The memory at the start after the joint's recorded motion before it. Where a start is moved, the motion
-        before it is moved along."""
+        """The memory at the start after `count` steps of the joint's recorded motion before it. Where a start is
+        moved, the motion before it is moved along."""
         effect, place, rows = g.term.effect, g.term.place, g.rows
         qadr, dof, mine = self.ctx.qadr(place), self.ctx.dof(place), window[rows]
-        past_q, past_v, known = (x[mine] for x in w.before(qadr, dof))
+        past_q, past_v, known = (x[mine, -count:] for x in w.before(qadr, dof))
         moved_q, moved_v = now.q[:, qadr] - w.q0[mine, qadr], now.v[:, dof] - w.v0[mine, dof]
         q, v = now.q.copy(), now.v.copy()
-        memory, count = g.memory, w.history
+        memory = g.memory
         for k in range(count):
             q[:, qadr] = past_q[:, k] + moved_q - moved_v * w.dt * (count - k)
             v[:, dof] = past_v[:, k] + moved_v

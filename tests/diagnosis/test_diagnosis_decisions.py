@@ -405,7 +405,7 @@ def test_variances_are_those_of_leaving_out_each_window():
     parts = np.einsum("wmp,wmq->wpq", x, x)
     precision = parts.sum(0)
     # also where the fit stopped before it arrived
-    for reached in (theta, theta + [0.5, -0.3]):
+    for reached in (theta, theta + np.array([0.5, -0.3])):
         scores = np.einsum("wmp,wm->wp", x, y - x @ reached)
         np.testing.assert_allclose(
             _jackknife(precision, parts, scores, 1 / np.sqrt(np.diag(precision))),

@@ -68,7 +68,7 @@ def test_a_motor_behind_a_spring_starts_as_the_recording_left_it(elastic, monkey
     f = _known(elastic, term, list(FLEXIBLE.values()))
     assert _loss(elastic, f) < 1.3
     # at rest in the torque of the moment, as one that was never recorded must be believed to be
-    monkeypatch.setattr(JointFlexibility, "remembers", False)
+    monkeypatch.setattr(JointFlexibility, "remembers", lambda *_: 0.0)
     assert _loss(elastic, f) > 3.0
 
 

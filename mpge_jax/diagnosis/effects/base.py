@@ -75,8 +75,6 @@ class Effect:
     """Value of the parameters at which the effect vanishes."""
     runtime = False
     """Whether `force` must be called each step."""
-    remembers = False
-    """Whether the memory of `force` at a window's start is to be followed through the recorded motion before it."""
     external = False
     """Whether `force` reads `Step.external`."""
     commands = False
@@ -111,6 +109,11 @@ class Effect:
     def memory(self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step) -> Any:
         """Memory of `force` at the start of a stretch that begins in state s."""
         return ()
+
+    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> float:
+        """Seconds of recorded motion of its joint through which the memory is followed to the start of a stretch
+        (theta [n, p]); 0 where `memory` knows it from the start's state."""
+        return 0.0
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any

@@ -36,7 +36,7 @@ class Drive(Effect):
     torque in place of the actuator's.
     """
 
-    kinds, tier, runtime, remembers = ("joint",), 3, True, True
+    kinds, tier, runtime = ("joint",), 3, True
     fields, set_const = ("dof_armature",), True
 
     def places(self, ctx: Context) -> list[Place]:
@@ -131,6 +131,11 @@ class JointFlexibility(Drive):
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return []
 
+    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> float:
+        """Three time constants with which the motor's swinging fades."""
+        inertia = float(ctx.model.dof_armature[ctx.dof(place)])
+        return float(6.0 * inertia / max(float(theta[..., 1].min()), 1e-12))
+
     def coupling(
         self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array
     ) -> tuple[Array, Array, Array]:
@@ -151,6 +156,10 @@ class Backlash(Drive):
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         travel = max(float(ctx.travel[ctx.dof(place)]), 1e-2)
         return (Param("gap", joint_unit(ctx, place, "rad", "m"), 0.0, travel, 0.02 * travel),)
+
+    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> float:
+        """Long enough to cross the gap and come to rest in it."""
+        return 0.25
 
     def _stiffness(self, ctx: Context, place: Place) -> tuple[float, float]:
         """Contact as stiff as the timestep allows for the motor's inertia, near-critically damped."""
