@@ -23,6 +23,8 @@ ELABORATE = (
     "asymmetric_friction",
 )
 """Laws of friction that contain plain ones as special cases."""
+WHERE_PLAIN_HELPS = (*ELABORATE, "viscous_damping:explicit")
+"""What is tried where a plain law of friction helps."""
 PLAIN = ("coulomb_friction", "viscous_damping", "quadratic_drag")
 PLACES = 3
 """Places at which the elaborate laws are tried: where plain ones help most."""
@@ -31,7 +33,7 @@ PROMISING = 0.01
 NEARER = 0.1
 """How much nearer to nothing a start is taken that is worse than nothing."""
 NEARER_TIMES = 2
-"""How often that is done: in motion through impacts only slight changes can be followed."""
+"""How often that is done where there are contacts: through impacts only slight changes can be followed."""
 STARTS = 2
 """Starting values of one term from which steps are simulated: those that promise most."""
 
@@ -48,8 +50,9 @@ def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: W
     before = float(
         robust_loss(white.excess(_whitened(near, [Run(base.hypothesis, base.theta)], white))).mean()
     )
-    elaborate = [t for t in terms if t.id in ELABORATE]
-    found = _quick_fits(near, base, [t for t in terms if t.id not in ELABORATE], white, own, before)
+    elaborate = [t for t in terms if t.id in WHERE_PLAIN_HELPS]
+    always = [t for t in terms if t.id not in WHERE_PLAIN_HELPS]
+    found = _quick_fits(near, base, always, white, own, before)
     plain: dict[Place, float] = {}
     dry: dict[Place, float] = {}
     for f in found:
@@ -154,7 +157,7 @@ def _starting_points(
             theta = hypothesis.gather(ctx, {**parts, term: start})
             problems.append((term, _Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
     _simulate([p for _, p in problems], near, white)
-    for _ in range(NEARER_TIMES):
+    for _ in range(NEARER_TIMES if ctx.contacts else 1):
         smaller: list[tuple[_Problem, _Problem]] = []
         for term, p in problems:
             naming = term.effect.naming(ctx, term.place)
