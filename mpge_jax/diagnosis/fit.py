@@ -17,6 +17,8 @@ from mpge_jax.diagnosis.windows import Windows
 Array = np.ndarray
 FURTHER = (3.0, 8.0)
 """Lengths of the further steps that are tried in machines with contacts, in units of the proposed one."""
+STEEP = 0.25
+"""Quantile of the windows' slopes (squared) beyond which steeper ones count no more, there."""
 
 
 def _nothing() -> Array:
@@ -122,7 +124,7 @@ def fit(
             break
         trials: list[tuple[_Problem, Array]] = []
         for p in active:
-            steps = _proposals(p, w)
+            steps = _proposals(p, ctx)
             steps += [x for t in steps[:1] for x in beyond(p, t, ctx)]
             trials += [(p, t) for t in [*steps, *_without_slopes(p, ctx)]]
         best_of = {id(p): p.fit for p in active}
@@ -173,11 +175,25 @@ def _judged(p: _Problem, theta: Array, residual: Array, w: Windows, white: White
     return replace(p.fit, theta=theta, loss=loss, x=x)
 
 
-def _proposals(p: _Problem, w: Windows) -> list[Array]:
-    """A full and a strongly damped step, inside the bounds."""
+def _proposals(p: _Problem, ctx: Context) -> list[Array]:
+    """A full and a strongly damped step, inside the bounds; with contacts, also a full one that no few windows decide.
+
+    Through impacts slopes are steep and hold over next to nothing: windows with many would let no step be taken.
+    """
+    weight = 1.0 / (1.0 + p.fit.x / 5.0)
+    out = [_step(p, weight, damping) for damping in (p.damping, 100 * p.damping + 0.3)]
+    if ctx.contacts:
+        size = np.einsum("pwm,pwm,p->w", p.jacobian, p.jacobian, prior_widths(p.params) ** 2, optimize=True)
+        if (size > 0).any():
+            cap = np.quantile(size[size > 0], STEEP, method="lower")
+            out.append(_step(p, weight * np.minimum(1.0, cap / np.maximum(size, 1e-300)), p.damping))
+    return [theta for theta in out if np.isfinite(theta).all()]
+
+
+def _step(p: _Problem, weight: Array, damping: float) -> Array:
+    """The damped Gauss-Newton step from where `p` stands, with `weight` [W], inside the bounds: theta [p]."""
     low, high = _bounds(p.params)
     widths = prior_widths(p.params)
-    weight = 1.0 / (1.0 + p.fit.x / 5.0)
     j, r = p.jacobian, p.whitened
     h = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)
     g = np.einsum("w,pwm,wm->p", weight, j, r, optimize=True)
@@ -185,32 +201,28 @@ def _proposals(p: _Problem, w: Windows) -> list[Array]:
     per = float(np.mean((j.shape[-1],)))
     h = h + np.diag(per / widths**2)
     g = g + per * (p.fit.theta - p.fit.centre) / widths**2
-    out = []
     diagonal = np.diag(h).copy()
     diagonal[diagonal <= 0] = 1e-30
-    for damping in (p.damping, 100 * p.damping + 0.3):
-        free = np.ones(len(p.params), bool)
-        theta = p.fit.theta
-        for _ in range(3):
-            index = np.flatnonzero(free)
-            if not index.size:
-                break
-            a = h[np.ix_(index, index)] + damping * np.diag(diagonal[index])
-            scale = 1.0 / np.sqrt(np.diag(a))
-            solution = (
-                np.linalg.lstsq(a * scale[:, None] * scale[None, :], g[index] * scale, rcond=1e-12)[0] * scale
-            )
-            trial = p.fit.theta.copy()
-            trial[index] -= solution
-            clipped = np.clip(trial, low, high)
-            blocked = (clipped != trial) & ((p.fit.theta == low) | (p.fit.theta == high)) & free
-            theta = clipped
-            if not blocked.any():
-                break
-            free &= ~blocked
-        if np.isfinite(theta).all():
-            out.append(theta)
-    return out
+    free = np.ones(len(p.params), bool)
+    theta = p.fit.theta
+    for _ in range(3):
+        index = np.flatnonzero(free)
+        if not index.size:
+            break
+        a = h[np.ix_(index, index)] + damping * np.diag(diagonal[index])
+        scale = 1.0 / np.sqrt(np.diag(a))
+        solution = (
+            np.linalg.lstsq(a * scale[:, None] * scale[None, :], g[index] * scale, rcond=1e-12)[0] * scale
+        )
+        trial = p.fit.theta.copy()
+        trial[index] -= solution
+        clipped = np.clip(trial, low, high)
+        blocked = (clipped != trial) & ((p.fit.theta == low) | (p.fit.theta == high)) & free
+        theta = clipped
+        if not blocked.any():
+            break
+        free &= ~blocked
+    return theta
 
 
 def beyond(p: _Problem, theta: Array, ctx: Context) -> list[Array]:

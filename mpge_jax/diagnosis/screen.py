@@ -107,7 +107,7 @@ def _quick_fits(
         k += n
         p.jacobian = jacobian
         if p.params:
-            steps_to = _proposals(p, w)
+            steps_to = _proposals(p, ctx)
             promise = min((_promise(p, t, w, white) for t in steps_to), default=np.inf)
             promised.setdefault(term, []).append((promise, index, steps_to))
         p.jacobian = np.zeros((0, 0))
