@@ -9,11 +9,12 @@ from scipy.stats import mannwhitneyu, norm
 
 from mpge_jax.diagnosis.activations import activations
 from mpge_jax.diagnosis.coarse import states_as_measured
+from mpge_jax.diagnosis.drives import plain_force
 from mpge_jax.diagnosis.evidence import SEVERAL
 from mpge_jax.diagnosis.fit import Fitted
 from mpge_jax.diagnosis.model import compile_variable, has_plain_law
 from mpge_jax.diagnosis.noise import column_noise
-from mpge_jax.diagnosis.prepare import Prepared, plain_force
+from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.rotations import integrate
 from mpge_jax.diagnosis.simulate import Run

@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.actuator_side import ActuatorSide, by_command, diagnose_
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor
 from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.drives import is_servo
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.finish import final_fit, prune, refined
@@ -35,7 +36,7 @@ from mpge_jax.diagnosis.judge import (
     what_is_left,
 )
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.prepare import Prepared, is_servo, prepare, with_drives
+from mpge_jax.diagnosis.prepare import Prepared, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
 from mpge_jax.diagnosis.recording import Recording, chain_transitions, unwrapped, validate
 from mpge_jax.diagnosis.rigid import name_nearest

@@ -10,11 +10,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from mpge_jax.diagnosis.candidates import compatible
+from mpge_jax.diagnosis.drives import stroke
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, Step
 from mpge_jax.diagnosis.evidence import rare
 from mpge_jax.diagnosis.fit import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import clipped, is_joint_transmission
+from mpge_jax.diagnosis.model import clipped
 from mpge_jax.diagnosis.windows import Source
 
 Array = np.ndarray
@@ -78,7 +79,7 @@ def log_of(source: Source, ctx: Context, actuator: int, dt: float, first_block: 
     u = clipped(m, r.known("ctrl"))[
         np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, t.size - 1), actuator
     ]
-    length, speed = _motion(source, m, actuator)
+    length, speed = stroke(m, actuator, source.states)
     # the first point of the grid that sees the row's own command
     at = np.clip(np.ceil((t - t[0]) / dt - 1e-6).astype(int), 0, grid.size - 1)
     block = first_block + ((t - t[0]) / BLOCK_S).astype(int)
@@ -86,20 +87,11 @@ def log_of(source: Source, ctx: Context, actuator: int, dt: float, first_block: 
     return Log(r.name, t[good], u[None], at[good], force, length[good], speed[good], block[good])
 
 
-def _motion(source: Source, m: mujoco.MjModel, actuator: int) -> tuple[Array, Array]:
-    """Length and speed [T] of an actuator on one joint; zeros of others."""
-    if not is_joint_transmission(m, actuator):
-        return np.zeros(source.recording.time.size), np.zeros(source.recording.time.size)
-    joint, gear = int(m.actuator_trnid[actuator, 0]), float(m.actuator_gear[actuator, 0])
-    states = source.states
-    return gear * states.qpos[:, m.jnt_qposadr[joint]], gear * states.qvel[:, m.jnt_dofadr[joint]]
-
-
 def jumps(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, source: Source) -> Array:
     """By how much [T] a force under the law `f`, which knows no delay, jumps at each row as its command does."""
     r = source.recording
     sent = clipped(model, r.known("ctrl"))[:, actuator]
-    length, speed = _motion(source, model, actuator)
+    length, speed = stroke(model, actuator, source.states)
     rows = np.arange(r.time.size)
 
     def force(u: Array) -> Array:

@@ -22,14 +22,15 @@ from mpge_jax.diagnosis.clock import at_their_stamps
 from mpge_jax.diagnosis.coarse import as_large_as_motion, bound, holds_states, is_coarse, states_as_measured
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.context import build_context
+from mpge_jax.diagnosis.drives import drive_by_force, follows, measured_forces, source_of
 from mpge_jax.diagnosis.effects.base import Context
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.model import Names, clipped, compile_variable, has_plain_law, load_spec, names_of
+from mpge_jax.diagnosis.model import Names, clipped, compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.noise import MIN_ROWS
 from mpge_jax.diagnosis.recording import Recording, rows_of
 from mpge_jax.diagnosis.simulate import Simulator
 from mpge_jax.diagnosis.split import split
-from mpge_jax.diagnosis.states import MAX_ROWS, Noise, States, estimate
+from mpge_jax.diagnosis.states import MAX_ROWS, Noise, estimate
 from mpge_jax.diagnosis.windows import Source, Windows, choose_dt, cut
 
 SPARSE = 0.2
@@ -70,92 +71,6 @@ class Prepared:
         duration = min(duration, max(float(np.quantile(lengths, 0.3)), float(np.median(lengths)) / 2))
         rng = np.random.default_rng([self.config.seed, int(held), seed])
         return cut(sources, self.model, self.noise, duration, limit, self.dt, rng)
-
-
-def measured_forces(recordings: list[Recording], model: mujoco.MjModel) -> np.ndarray:
-    """[nu] whether each actuator's force was measured in every recording."""
-    if not recordings or any(r.force is None for r in recordings):
-        return np.zeros(model.nu, bool)
-    return np.all([np.isfinite(r.known("force")).mean(0) > 0.5 for r in recordings], axis=0)
-
-
-def drive_by_force(spec: mujoco.MjSpec, measured: np.ndarray) -> mujoco.MjSpec:
-    """A copy in which actuators with measured forces pass on their command as force, and none has a delay: windows
-    would begin with its buffer empty, so that `Source` delays the commands instead."""
-    spec = spec.copy()
-    # they may hold activations of drives that have none any more
-    for key in list(spec.keys):
-        spec.delete(key)
-    for actuator in spec.actuators:
-        actuator.delay, actuator.nsample = 0.0, 0
-        if not measured[actuator.id]:
-            continue
-        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-        actuator.biastype = mujoco.mjtBias.mjBIAS_NONE
-        actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE
-        actuator.gainprm = [1.0, *([0.0] * (len(actuator.gainprm) - 1))]
-        actuator.biasprm = [0.0] * len(actuator.biasprm)
-        actuator.ctrllimited = actuator.forcelimited = actuator.actlimited = 0
-        actuator.actrange, actuator.actearly = [0.0, 0.0], False
-    return spec
-
-
-def _command(r: Recording, plain: mujoco.MjModel, measured: np.ndarray) -> np.ndarray:
-    command = np.zeros((r.time.size, plain.nu)) if r.ctrl is None else clipped(plain, r.ctrl)
-    for a in np.flatnonzero(measured):
-        force = r.known("force")[:, a]
-        good = np.isfinite(force)
-        command[:, a] = np.interp(r.time, r.time[good], force[good])
-    return command
-
-
-def follows(model: mujoco.MjModel) -> np.ndarray:
-    """[nu] whether an actuator's force follows the motion between two rows (a servo, a filter); a plain motor's is
-    held like its command."""
-    moving = model.actuator_biastype != mujoco.mjtBias.mjBIAS_NONE
-    return moving | (model.actuator_dyntype != mujoco.mjtDyn.mjDYN_NONE)
-
-
-def _source(r: Recording, states: States, plain: mujoco.MjModel, measured: np.ndarray) -> Source:
-    command = _command(r, plain, measured)
-    smooth = command - np.cumsum(servo_jumps(r, states, plain), axis=0)
-    late = np.where(measured, 0.0, plain.actuator_delay)
-    return Source.build(r, states, command, np.where(measured & follows(plain), smooth, 0.0), late=late)
-
-
-def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> np.ndarray:
-    """[T, nu] by how much a servo's force jumps at each row as its command does.
-
-    Between rows the command is held and the force follows the motion alone, so a straight line from one measured force
-    to the next would let the servo know its next command half a row early.
-    """
-    out = np.zeros((r.time.size, plain.nu))
-    if r.ctrl is None:
-        return out
-    before = np.concatenate([r.ctrl[:1], r.ctrl[:-1]])
-    for a in range(plain.nu):
-        if is_servo(plain, a):
-            out[:, a] = plain_force(plain, a, r.ctrl, states) - plain_force(plain, a, before, states)
-    # a force that was not measured is a straight line between its neighbours
-    return np.where(np.isfinite(r.known("force")), out, 0.0)
-
-
-def is_servo(plain: mujoco.MjModel, a: int) -> bool:
-    """Whether an actuator drives its joint to a position or a speed, by a plain law."""
-    return bool(plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and has_plain_law(plain, a))
-
-
-def plain_force(plain: mujoco.MjModel, a: int, ctrl: np.ndarray, states: States) -> np.ndarray:
-    """Force [T] that the model expects of actuator `a` (see `has_plain_law`) under commands [T, nu] in given states."""
-    force = plain.actuator_gainprm[a, 0] * clipped(plain, ctrl)[:, a]
-    if plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE:
-        joint, gear = plain.actuator_trnid[a, 0], plain.actuator_gear[a, 0]
-        constant, stiffness, damping = plain.actuator_biasprm[a, :3]
-        length = gear * states.qpos[:, plain.jnt_qposadr[joint]]
-        speed = gear * states.qvel[:, plain.jnt_dofadr[joint]]
-        force = force + constant + stiffness * length + damping * speed
-    limited = plain.actuator_forcelimited[a]
-    return np.clip(force, *plain.actuator_forcerange[a]) if limited else force
 
 
 def with_drives(
@@ -239,7 +154,7 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     warnings += notes
     noise, states, notes = estimate(together, model, names, recorded)
     warnings += notes
-    sources = tuple(_source(r, s, plain, measured) for r, s in zip(together, states, strict=True))
+    sources = tuple(source_of(r, s, plain, measured) for r, s in zip(together, states, strict=True))
     train_sources, held_sources = sources[: len(train)], sources[len(train) :]
     ctx = build_context(model, names, train_sources)
     dt = choose_dt(together, float(plain.opt.timestep))

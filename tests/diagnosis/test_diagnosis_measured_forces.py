@@ -11,11 +11,12 @@ from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
+from mpge_jax.diagnosis.drives import plain_force, servo_jumps
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, names_of
-from mpge_jax.diagnosis.prepare import Prepared, plain_force, prepare, servo_jumps, with_drives
+from mpge_jax.diagnosis.prepare import Prepared, prepare, with_drives
 from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.staleness import staleness
 from mpge_jax.diagnosis.states import States

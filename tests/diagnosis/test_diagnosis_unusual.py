@@ -14,12 +14,13 @@ from mpge_jax.diagnosis import Config, InputError, Recording, diagnose
 from mpge_jax.diagnosis.actuator_side import diagnose_actuators
 from mpge_jax.diagnosis.checks import check_base
 from mpge_jax.diagnosis.contacts import allowed_pairs
+from mpge_jax.diagnosis.drives import drive_by_force
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
 from mpge_jax.diagnosis.export import _text
 from mpge_jax.diagnosis.fit import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.prepare import Prepared, drive_by_force, prepare
+from mpge_jax.diagnosis.prepare import Prepared, prepare
 from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.rigid import name_nearest, one_of_each, same_body
 from mpge_jax.diagnosis.verdict import errors

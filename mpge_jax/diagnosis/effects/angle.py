@@ -101,7 +101,7 @@ class CoggingTorque(Effect):
         for _, theta in sorted(tried, key=lambda entry: entry[0]):
             if len(picked) < 3 and all(abs(theta[2] - p[2]) > 3.0 / span for p in picked):
                 picked.append(theta)
-        return np.array(picked)
+        return np.array(picked).reshape(-1, 3)
 
     def detours(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         """Neighbouring numbers of periods, of the same phase in the middle of the motion: the fit is as wavy in them as
