@@ -69,8 +69,8 @@ def inverse_samples(
 
 
 def _beside_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Projector [nv, nv] of generalised forces onto those that no forces in the present contacts make. Forces are
-    compared by the accelerations that they give to single degrees of freedom."""
+    """Projector [nv, nv] of generalised forces onto those that no forces in the present contacts make. Forces on single
+    degrees of freedom are alike where their work on them at rest is (f^2 / M)."""
     kind = mujoco.mjtConstraint
     touching = np.isin(
         data.efc_type[: data.nefc],

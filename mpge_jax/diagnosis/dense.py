@@ -79,7 +79,7 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
 
 
 def _without_weak(s: Search, f: Fitted) -> Fitted:
-    """`f` less the weaker half of the terms whose naming parameters the data do not tell from null (what one of two
+    """`f` less the weaker half of the terms that the data do not tell from null (what one of two
     like effects explains, the other must be free to take over)."""
     size = s.strength(f)
     weak = sorted((t for t in size if size[t] < NAMED), key=lambda t: size[t])

@@ -18,7 +18,7 @@ Array = np.ndarray
 FURTHER = (3.0, 8.0)
 """Lengths of the further steps that are tried in machines with contacts, in units of the proposed one."""
 STEEP = 0.25
-"""Quantile of the windows' slopes (squared) beyond which steeper ones count no more, there."""
+"""Quantile of the windows' slopes (squared) as which steeper ones count, there."""
 
 
 def _nothing() -> Array:

@@ -24,11 +24,11 @@ SURE, MOST = 6.0, 3.0
 """Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
 they may be."""
 NUMERICS = (
-    "the recordings move as with a finer timestep, or another integrator, than the model's",
+    "the recordings move as with a finer timestep than the model's",
     "commands act at another moment within a timestep than the model has it",
     "the recordings move as with another integrator than the model's",
 )
-"""What `numerics` are, in their order."""
+"""What `numerics` are, in their order. With Runge-Kutta the first is another integrator, and there is no third."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,8 @@ def note_numerics(p: Prepared, f: Fitted, w: Windows) -> None:
     # misfit comes by the window
     variance = np.maximum(np.diag(inverse), np.diag(inverse @ scores.T @ scores @ inverse))
     seen = np.isfinite(residual[..., :nv])
-    for k, (change, what) in enumerate(zip(changes, NUMERICS, strict=False)):
+    whats = NUMERICS if len(changes) == len(NUMERICS) else (NUMERICS[2], NUMERICS[1])
+    for k, (change, what) in enumerate(zip(changes, whats, strict=True)):
         moved = np.where(seen, amount[k] * np.nan_to_num(change[..., :nv]), 0.0)
         size = np.sqrt((moved**2).sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1))
         matters = bool((size > column_scale(p.noise, p.model)[:nv])[seen.any((0, 1))].any())

@@ -107,9 +107,13 @@ class Runtime:
         arm = self.xipos[:, body] - self.com[:, root]
         return self.cvel[:, body, 3:] + np.cross(self.cvel[:, body, :3], arm)
 
-    def begin(self, w: Windows, window: Array, commanded: Callable[[int], Array]) -> None:
-        """Memories at the start of the windows, `window` [n] of each simulation; `commanded` gives the commands [n, nu]
-        of a step, negative before the start."""
+    def begin(self, w: Windows, window: Array, moved: Array, commanded: Callable[[int], Array]) -> None:
+        """Memories at the start of the windows.
+
+        Args:
+            window: [n] of each simulation. moved: [n, nv] change of the start's velocity. commanded: gives the commands
+                [n, nu] of a step, negative before the start.
+        """
         if self.bodies or self.loaded or self.last_force is not None:
             self.batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_ACC))
         s = self._step()
@@ -117,36 +121,38 @@ class Runtime:
             part = _rows(s, g.rows)
             g.memory = g.term.effect.memory(np, self.ctx, g.term.place, g.theta, part)
             seconds = g.term.effect.remembers(self.ctx, g.term.place, g.theta)
-            steps = int(min(np.ceil(seconds / w.dt), w.history))
-            if steps:
-                g.memory = self._followed(g, steps, w, window, commanded, part)
+            steps = np.minimum(np.ceil(seconds / w.dt), w.history).astype(int)
+            if steps.any():
+                g.memory = self._followed(g, steps, w, window[g.rows], moved[g.rows], commanded, part)
 
     def _followed(
         self,
         g: Group,
-        count: int,
+        steps: Array,
         w: Windows,
         window: Array,
+        moved: Array,
         commanded: Callable[[int], Array],
         now: Step,
     ) -> Any:
-        """The memory at the start after `count` steps of the joint's recorded motion before it. Where a start is
-        moved, the motion before it is moved along."""
-        effect, place, rows = g.term.effect, g.term.place, g.rows
-        qadr, dof, mine = self.ctx.qadr(place), self.ctx.dof(place), window[rows]
-        past_q, past_v, known = (x[mine, -count:] for x in w.before(qadr, dof))
-        moved_q, moved_v = now.q[:, qadr] - w.q0[mine, qadr], now.v[:, dof] - w.v0[mine, dof]
-        q, v = now.q.copy(), now.v.copy()
-        memory = g.memory
+        """The memory at the start after as many `steps` [n] of the joint's recorded motion, where there are so many.
+        Where a start is moved, the motion before it is moved along."""
+        effect, place, each = g.term.effect, g.term.place, np.arange(window.size)
+        qadr, dof, count = self.ctx.qadr(place), self.ctx.dof(place), int(steps.max())
+        past_q, past_v, ago = (x[window, -count:] for x in w.before(qadr, dof))
+        aside, moved_v = now.q[:, qadr] - w.q0[window, qadr], moved[:, dof]
+        q, v, memory, followed = now.q.copy(), now.v.copy(), g.memory, np.zeros(window.size, bool)
         for k in range(count):
-            q[:, qadr] = past_q[:, k] + moved_q - moved_v * w.dt * (count - k)
-            v[:, dof] = past_v[:, k] + moved_v
-            s = self._observe(q, v, commanded(k - count)[rows], rows)
-            if k == 0:
-                memory = effect.memory(np, self.ctx, place, g.theta, s)
+            at = np.maximum(k, count - np.maximum(steps, 1))
+            q[:, qadr] = past_q[each, at] + aside - moved_v * ago[each, at]
+            v[:, dof] = past_v[each, at] + moved_v
+            s = self._observe(q, v, commanded(k - count)[g.rows], g.rows)
+            known = (k >= count - steps) & (ago[each, at] > w.dt * (count - k) - 1e-9)
+            rest = effect.memory(np, self.ctx, place, g.theta, s)
+            memory = _either(followed, memory, rest)
             _, after = effect.force(np, self.ctx, place, g.theta, s, memory)
-            memory = tuple(np.where(known[:, k], a, b) for a, b in zip(after, memory, strict=True))
-        return memory
+            memory, followed = _either(known, after, memory), followed | known
+        return _either(followed, memory, g.memory)
 
     def apply(self) -> None:
         """Set the effects' forces for the next step."""
@@ -174,6 +180,11 @@ class Runtime:
                     self.qfrc[rows, dof] += self.gear[a] * forces.actuator
                 else:
                     self.batch.bind("ctrl")[rows, a] += forces.actuator / m.actuator_gainprm[a, 0]
+
+
+def _either(choice: Array, a: Any, b: Any) -> Any:
+    """Memory `a` of the simulations where `choice` [n] holds, and `b` of the others."""
+    return tuple(np.where(choice, x, y) for x, y in zip(a, b, strict=True))
 
 
 def _rows(s: Step, rows: Array) -> Step:

@@ -43,7 +43,7 @@ def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: W
 
     Every start of every term is linearised once, with the base's parameters free, and two step lengths are
     simulated where the linear model promises anything. The base's own Jacobian is shared by all. Elaborate laws of
-    friction are tried where a plain one helps.
+    friction, and second forms of plain ones, are tried where a plain one helps.
     """
     near = Near.to(sim, Run(base.hypothesis, base.theta), w)
     own = _base_jacobian(near, base, white)
@@ -157,15 +157,16 @@ def _starting_points(
             theta = hypothesis.gather(ctx, {**parts, term: start})
             problems.append((term, _Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
     _simulate([p for _, p in problems], near, white)
-    for _ in range(NEARER_TIMES if ctx.contacts else 1):
+    first = [p.fit.theta for _, p in problems]
+    for times in range(1, (NEARER_TIMES if ctx.contacts else 1) + 1):
         smaller: list[tuple[_Problem, _Problem]] = []
-        for term, p in problems:
+        for (term, p), start in zip(problems, first, strict=True):
             naming = term.effect.naming(ctx, term.place)
             if p.fit.loss < before + PROMISING * min(before, 3.0) or not naming:
                 continue
             part = _slice(ctx, p.fit.hypothesis, term)
-            null, theta = term.effect.null(ctx, term.place), p.fit.theta.copy()
-            theta[part][naming] = null[naming] + NEARER * (theta[part][naming] - null[naming])
+            null, theta = term.effect.null(ctx, term.place), start.copy()
+            theta[part][naming] = null[naming] + NEARER**times * (start[part][naming] - null[naming])
             smaller.append((p, _Problem(Fitted(p.fit.hypothesis, theta, theta.copy()), p.params)))
         _simulate([q for _, q in smaller], near, white)
         for p, q in smaller:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.stats import chi2, norm
 
 from mpge_jax.diagnosis.calibrate import Floor
 from mpge_jax.diagnosis.candidates import compatible
@@ -287,8 +288,11 @@ class Search:
             deviation = np.sqrt(np.maximum(np.diag(cov), 1e-300))
             # of a wave, amplitude and phase may be known where neither of its two parts is
             z = delta / deviation
-            together = z @ np.linalg.pinv(cov / np.outer(deviation, deviation), hermitian=True) @ z
-            out[term] = max(float(np.abs(z).max()), float(np.sqrt(max(together, 0.0))))
+            correlation = cov / np.outer(deviation, deviation)
+            together = z @ np.linalg.pinv(correlation, rcond=1e-8, hermitian=True) @ z
+            # as unlikely as that many deviations of one number
+            alike = norm.isf(0.5 * chi2.sf(max(together, 0.0), len(z)))
+            out[term] = max(float(np.abs(z).max()), float(alike))
         return out
 
 

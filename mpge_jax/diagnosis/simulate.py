@@ -250,8 +250,10 @@ class Simulator:
                 out[rows, a] = u[:, w.history + k]
             return out
 
-        push = np.zeros((n, m.nv))
+        push, moved = np.zeros((n, m.nv)), np.zeros((n, m.nv))
         for run, rows in zip(runs, rows_of, strict=True):
+            if run.shift is not None:
+                moved[rows] = run.shift[:, m.nv :]
             if run.push is not None:
                 push[rows, run.push[0]] += run.push[1]
         runtime = [g for g in groups if g.term.effect.runtime]
@@ -262,7 +264,7 @@ class Simulator:
             if ctrl is not None:
                 ctrl[:] = commanded(k)
             if engine is not None and k == 0:
-                engine.begin(w, window, commanded)
+                engine.begin(w, window, moved, commanded)
             if engine is not None:
                 engine.apply()
             batch.step()

@@ -169,7 +169,7 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
 
     The timestep is halved (of Runge-Kutta, which that does not change: replaced by semi-implicit steps of a quarter),
     the commands act an eighth of a timestep later, and explicit steps are made implicit in the velocity or the other
-    way round, which moves stiff servos and strong damping otherwise than a timestep does.
+    way round (not of Runge-Kutta), which moves stiff servos and strong damping otherwise than a timestep does.
     """
     run, kind = [Run(hypothesis, theta)], mujoco.mjtIntegrator
     plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(w.dt / 8)))

@@ -141,16 +141,18 @@ class Windows:
         """How one scalar joint came to the starts.
 
         Returns:
-            Its estimated position and velocity [W, H] at the steps before each start, and [W, H] whether they lie in
-            the recording: where not, they are those of its first row.
+            Its estimated position and velocity [W, H] at the steps before each start, and how long (s) ago that was
+            [W, H]: what lies before the recording, or before a gap in it, is as at the first row after that.
         """
         times = self.start[:, None] + self.dt * np.arange(-self.history, 0)
-        q, v, known = np.empty(times.shape), np.empty(times.shape), np.empty(times.shape, bool)
+        q, v = np.empty(times.shape), np.empty(times.shape)
         for k, source in enumerate(self.source):
-            first = self.sources[source].recording.time[0]
-            q[k], v[k] = self.sources[source].state_at(np.maximum(times[k], first), qadr, dof)
-            known[k] = times[k] > first - 1e-9
-        return q, v, known
+            r = self.sources[source].recording
+            after_gaps = r.time[1:][np.diff(r.time) > longest_step(r)]
+            begins = np.append(r.time[0], after_gaps[after_gaps <= self.start[k] + 1e-9])
+            times[k] = np.maximum(times[k], begins[-1])
+            q[k], v[k] = self.sources[source].state_at(times[k], qadr, dof)
+        return q, v, self.start[:, None] - times
 
     def _commands(self, grid: Array) -> Array:
         """Mean commands [W, L, nu] between consecutive times `grid` [L + 1] after the starts."""
@@ -186,6 +188,11 @@ def roughness(recording: Recording) -> Array:
     return out
 
 
+def longest_step(recording: Recording) -> float:
+    """Seconds between two rows beyond which rows are missing."""
+    return max(5 * float(np.median(np.diff(recording.time))), 0.05)
+
+
 def _spans(recording: Recording, duration: float, skip: float = 0.0) -> list[tuple[int, int]]:
     """Non-overlapping (first row, last row) of at most `duration` seconds without gaps, after the first `skip` seconds.
 
@@ -193,7 +200,7 @@ def _spans(recording: Recording, duration: float, skip: float = 0.0) -> list[tup
     """
     t = recording.time
     steps = np.diff(t)
-    limit = max(5 * float(np.median(steps)), 0.05)
+    limit = longest_step(recording)
     rough = roughness(recording)
     calm = max(6.0, 2.0 * float(np.median(rough)))
     out, a = [], int(np.searchsorted(t, t[0] + skip))

@@ -21,13 +21,16 @@ class ActuatorDelay(OfActuator):
     equation = "u(t - T)"
     says = "The actuator {at} obeys its command {delay} late."
     tries = (1.0, 3.0, 9.0)
-    """Off whole periods, where predictions have a kink."""
     jagged = True
     remedy = "a chirp of commands over a wide band, with a second sensor that shows when the response begins"
     max_delay = 0.25
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (Param("delay", "s", 0.0, self.max_delay, 0.5 * max(ctx.period, 2e-3)),)
+
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        """Half a period off whole ones, where predictions have a kink."""
+        return (np.floor(super().starts(ctx, place) / ctx.period + 1e-6) + 0.5) * ctx.period
 
     def command_memory(self, xp: Any, ctx: Context, place: Place, u: Array, dt: float) -> Any:
         n = int(np.ceil(self.max_delay / dt)) + 2

@@ -87,7 +87,8 @@ class CoggingTorque(Effect):
         # a force f leaves share * f, with errors that shrink as the root of the share
         weight = np.sqrt(ctx.samples.share[free, dof])
         r = ctx.samples.residual[free, dof] / weight
-        limit = OUTLYING * np.median(np.abs(r)) + 1e-12
+        moving = np.abs(v) > 0.1 * float(np.sqrt(np.mean(v**2)))
+        limit = OUTLYING * np.median(np.abs(r[moving] if moving.any() else r)) + 1e-12
         r = np.clip(r, -limit, limit)
         span = max(float(np.ptp(q)), 1e-2)
         plain = np.stack([np.ones_like(q), q, v, np.sign(v)], 1)
@@ -101,7 +102,8 @@ class CoggingTorque(Effect):
         for _, theta in sorted(tried, key=lambda entry: entry[0]):
             if len(picked) < 3 and all(abs(theta[2] - p[2]) > 3.0 / span for p in picked):
                 picked.append(theta)
-        return np.array(picked).reshape(-1, 3)
+        low, high = ([getattr(p, k) for p in self.params(ctx, place)] for k in ("low", "high"))
+        return np.clip(picked, low, high) if picked else unknown
 
     def detours(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         """Neighbouring numbers of periods, of the same phase in the middle of the motion: the fit is as wavy in them as

@@ -80,7 +80,8 @@ class Effect:
     commands = False
     """Whether it changes the command (`command`)."""
     jagged = False
-    """Whether predictions jump with the parameters (contacts), so that the fit must also try without slopes."""
+    """Whether predictions jump with the parameters (contacts), or have kinks, so that the fit must also try without
+    slopes."""
     senses = False
     """Whether it changes the measurement (`sense`)."""
     fields: tuple[str, ...] = ()
@@ -110,10 +111,10 @@ class Effect:
         """Memory of `force` at the start of a stretch that begins in state s."""
         return ()
 
-    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> float:
-        """Seconds of recorded motion of its joint through which the memory is followed to the start of a stretch
-        (theta [n, p]); 0 where `memory` knows it from the start's state."""
-        return 0.0
+    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        """Seconds [n] of recorded motion of its joint through which the memory is followed to the start of a stretch,
+        for theta [n, p]; 0 where `memory` knows it from the start's state."""
+        return np.zeros(len(theta))
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any

@@ -9,7 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-from mpge_jax.diagnosis.model import actuators_of_joint
+from mpge_jax.diagnosis.model import actuators_of_joint, has_plain_law
 
 
 @register
@@ -59,6 +59,15 @@ class Drive(Effect):
     def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array) -> Array:
         """Twist that carries a torque."""
         raise NotImplementedError
+
+    def fades(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        """Seconds [n] after which the motor has forgotten where it was."""
+        raise NotImplementedError
+
+    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        """Until it fades, where the torques before the start are known: no filter holds them."""
+        known = all(has_plain_law(ctx.model, a) for a in actuators_of_joint(ctx.model, place.index))
+        return self.fades(ctx, place, theta) if known else np.zeros(len(theta))
 
     def _torque(self, ctx: Context, place: Place, s: Step, twist: Array, slip: Array) -> tuple[Array, Array]:
         total, direct = 0.0, 0.0
@@ -131,10 +140,11 @@ class JointFlexibility(Drive):
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return []
 
-    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> float:
-        """Three time constants with which the motor's swinging fades."""
+    def fades(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        """Three time constants with which the motor swings, or creeps, to its rest."""
         inertia = float(ctx.model.dof_armature[ctx.dof(place)])
-        return float(6.0 * inertia / max(float(theta[..., 1].min()), 1e-12))
+        stiffness, damping = np.maximum(theta, 1e-12).T
+        return np.maximum(6.0 * inertia / damping, 3.0 * damping / stiffness)
 
     def coupling(
         self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array
@@ -157,9 +167,9 @@ class Backlash(Drive):
         travel = max(float(ctx.travel[ctx.dof(place)]), 1e-2)
         return (Param("gap", joint_unit(ctx, place, "rad", "m"), 0.0, travel, 0.02 * travel),)
 
-    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> float:
+    def fades(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         """Long enough to cross the gap and come to rest in it."""
-        return 0.25
+        return np.full(len(theta), 0.25)
 
     def _stiffness(self, ctx: Context, place: Place) -> tuple[float, float]:
         """Contact as stiff as the timestep allows for the motor's inertia, near-critically damped."""
