@@ -12,9 +12,9 @@ from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
 from mpge_jax.diagnosis.drives import plain_force, servo_jumps
-from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.effects.base import REGISTRY, Place
 from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
-from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import Prepared, prepare, with_drives
 from mpge_jax.diagnosis.recording import validate
@@ -169,6 +169,16 @@ def test_a_servo_that_was_found_to_differ_jumps_as_it_does(change):
         assert np.abs(jumps - nominal).max() > 0.1
     mean = 0.5 * (again.command[:-1] + again.command[1:] - jumps[1:])
     np.testing.assert_allclose(np.diff(again.integral, axis=0), 0.01 * mean, atol=2e-4)
+
+
+def test_a_late_servos_force_jumps_elsewhere():
+    p, _ = _search(_driven(0.0, count=2))
+    plain = compile_variable(p.spec)
+    term = Term("actuator_delay", Place("actuator", "servo", 0))
+    late = ActuatorSide(p.ctx, fits=[Fitted(Hypothesis.of(term), np.array([0.004]), np.zeros(1))])
+    source = p.train_sources[0]
+    assert np.abs(ActuatorSide(p.ctx).between_rows(plain)[2](source)).max() > 0.1
+    assert not late.between_rows(plain)[2](source).any()
 
 
 @pytest.mark.parametrize(("rate", "noise"), [(100, 0.2), (500, 0.4)])

@@ -242,3 +242,27 @@ def test_windows_with_steep_slopes_do_not_hold_a_step_back():
     assert calm == pytest.approx(1.3, abs=0.01)
     without = _proposals(p, dataclasses.replace(s.sim.ctx, contacts=()))
     assert [float(theta[0]) for theta in without] == [full, damped]
+
+
+def test_where_things_touch_chance_is_judged_by_simulation(elastic):
+    assert elastic.floor is None
+    s = _search(BOX, record(BOX, 6.0, seconds=1.5))
+    assert s.floor is not None
+    floor = s.floor(NOTHING)
+    assert floor.losses.size and 0.3 < floor.loss < 3.0
+
+
+def test_a_gap_is_crossed_before_a_window_starts(elastic):
+    """A motor that was pushed to the other side of its gap starts there."""
+    ctx, w = elastic.sim.ctx, elastic.train
+    backlash = REGISTRY["backlash"]
+    np.testing.assert_array_equal(backlash.remembers(ctx, HINGE, np.array([[0.05], [0.1]])), 0.25)
+    h, theta = Hypothesis.of(Term("backlash", HINGE)), np.array([0.05])
+    followed = elastic.sim.residuals([Run(h, theta)], w)[0]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(backlash), "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
+        static = elastic.sim.residuals([Run(h, theta)], w)[0]
+    change = np.nanmax(np.abs(followed - static)[..., 0], axis=1)
+    # nothing came before a recording's first row
+    first = np.array([w.sources[s].recording.time[0] for s in w.source])
+    assert (change[w.start == first] == 0.0).all() and change.max() > 1e-3
