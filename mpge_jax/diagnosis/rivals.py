@@ -11,7 +11,6 @@ from mpge_jax.diagnosis.model import is_joint_transmission
 from mpge_jax.diagnosis.rigid import same_body
 from mpge_jax.diagnosis.select import (
     KEEP_OF_MANY,
-    MANY,
     SIGNIFICANT,
     TIE,
     Rival,
@@ -50,9 +49,9 @@ def find_rivals(
     out: dict[Term, list[Rival]] = {}
     ctx = s.sim.ctx
     terms = best.fit.hypothesis.terms
-    many = len(terms) > MANY
+    many = s.brief(best.fit.hypothesis)
     keep = KEEP_OF_MANY if many else keep
-    windows = s.sample(best.fit, whites[0]) if many else (s.train, whites[0])
+    sample = s.sample(best.fit, whites[0])
     for term in terms:
         s.say(f"weighing alternatives to {term}")
         base_h = best.fit.hypothesis.without(term)
@@ -66,16 +65,13 @@ def find_rivals(
         screened = s.screened(base, whites[0], candidates)
         fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
         pool = [fitted.get(r.hypothesis, r) for r in screened[:keep]]
-        fits = fit(s.sim, pool, *windows, iterations=2)
-        if not many and fits:
-            near = hopeful(fits, evaluate(s.sim, [base], *windows)[0].loss)
+        fits = fit(s.sim, pool, *sample, iterations=2)
+        if fits:
+            # what comes near is judged on all windows, so it is fitted to them
+            near = hopeful(fits, evaluate(s.sim, [base], *sample)[0].loss)[: 1 if many else None]
             nearest = {f.hypothesis for f in near}
             far = [f for f in fits if f.hypothesis not in nearest]
-            fits = [*fit(s.sim, near, *windows, iterations=2), *far]
-        if many:
-            # the nearest is judged on all windows, so it is fitted to them
-            fits.sort(key=lambda f: f.loss)
-            fits[:1] = fit(s.sim, fits[:1], s.train, whites[0], iterations=1)
+            fits = [*fit(s.sim, near, s.train, whites[0], iterations=1 if many else 3), *far]
         rivals = []
         for r in s.score(fits, whites):
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)

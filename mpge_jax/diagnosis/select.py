@@ -29,6 +29,8 @@ FEW = 3
 MANY, KEEP_OF_MANY = 5, 3
 """Terms beyond which a further one competes with fewer others: the cost of a fit grows with the square of the terms,
 and little is left for them to explain."""
+WORK = 2e8
+"""Work of the simulator (about two minutes of one core) after which that holds from two terms on."""
 HOPELESS = 0.06
 """Share of the loss that a second effect must take away in screening to be looked at further."""
 TIE = 0.03
@@ -161,7 +163,7 @@ class Search:
             not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)
         ):
             return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
-        many = len(base.hypothesis.terms) > MANY
+        many = self.brief(base.hypothesis)
         keep = KEEP_OF_MANY if many else keep
         fits = hopeful(fit(self.sim, with_simpler(screened, keep), *sample, iterations=4), before)
         winner = None
@@ -178,6 +180,11 @@ class Search:
         scored = self.score([*fits, self.freed(base, fits, white)], whites)
         ranked = sorted(scored[:-1], key=lambda s: s.losses.mean())
         return ranked, scored[-1]
+
+    def brief(self, hypothesis: Hypothesis) -> bool:
+        """Whether fewer alternatives are looked at: beside many terms, or beside two after long work."""
+        count = len(hypothesis.terms)
+        return count > MANY or (count > 1 and self.sim.work > WORK)
 
     def at_noise(self, base: Fitted, white: Whitener) -> bool:
         """Whether training (under `white`) and held-out windows show nothing but noise, and none stands out."""
@@ -211,7 +218,7 @@ class Search:
 
     def freed(self, base: Fitted, fits: list[Fitted], white: Whitener) -> Fitted:
         """`base`, or a better fit of its own terms to which a further term led out of a local minimum."""
-        if not base.theta.size or len(base.hypothesis.terms) > MANY:
+        if not base.theta.size or self.brief(base.hypothesis):
             return base
         ctx, terms = self.sim.ctx, base.hypothesis.terms
         starts = [base]
