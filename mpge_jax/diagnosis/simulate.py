@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -106,12 +106,12 @@ def quiet() -> Iterator[None]:
 
 @dataclass
 class Simulator:
-    """Predicts windows. `work` counts simulated steps, each as what it costs: nv^1.5, four times that with Runge-Kutta."""
+    """Predicts windows. `work` counts simulated steps by cost: nv^1.5 each, four times that with Runge-Kutta."""
 
     model: mujoco.MjModel
     ctx: Context
     threads: int = 1
-    work: float = field(default=0.0)
+    work: float = 0.0
 
     def __post_init__(self) -> None:
         self.model = _without_autoreset(self.model)
