@@ -322,7 +322,7 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatc
         assert main(arguments) == 130
     assert "go on" in capsys.readouterr().err
     kept = json.loads((out / ".progress.json").read_text())
-    assert [t["id"] for t in kept["terms"]] == ["coulomb_friction"]
+    assert [t["id"] for t in kept["terms"]] == ["coulomb_friction"] and kept["work"] > 0
 
     logs = []
     original = whole._diagnose
@@ -330,4 +330,5 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatc
     assert main(arguments) == 0
     assert not any(line.startswith("round 1") for line in logs[0].log)
     assert [t.id for t in logs[0].terms] == ["coulomb_friction"]
+    assert logs[0].prepared.sim.work > kept["work"]
     assert not (out / ".progress.json").exists()

@@ -21,7 +21,9 @@ from mpge_jax.diagnosis.judge import note_numerics
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.recording import validate
-from mpge_jax.diagnosis.select import LOUD, QUIET, SMALL
+from mpge_jax.diagnosis.rivals import find_rivals
+from mpge_jax.diagnosis.search import search
+from mpge_jax.diagnosis.select import LOUD, MANY, QUIET, SMALL, WORK
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.states import States, estimate
 from mpge_jax.diagnosis.telling import SCREEN_WINDOWS, screen_windows
@@ -136,6 +138,39 @@ def test_a_further_effect_must_move_the_prediction(gained):
     assert gained.share(tiny, base) < SMALL < gained.share(real, base)
 
 
+def test_work_counts_steps_by_what_they_cost(gained):
+    sim, w = dataclasses.replace(gained.sim, work=0.0), gained.held
+    sim.residuals([Run(Hypothesis(), np.zeros(0))] * 3, w)
+    assert sim.work == 3 * w.count * w.steps
+    with sim.integrator(mujoco.mjtIntegrator.mjINT_RK4):
+        sim.residuals([Run(Hypothesis(), np.zeros(0))], w)
+    assert sim.work == (3 + 4) * w.count * w.steps
+
+
+def test_fewer_alternatives_are_looked_at_beside_many_terms_or_after_long_work(gained, monkeypatch):
+    terms = [Term("actuator_gain", Place("actuator", "motor", k)) for k in range(MANY + 1)]
+    for work, brief in ((0.0, (False, False, False, True)), (2 * WORK, (False, False, True, True))):
+        monkeypatch.setattr(gained.sim, "work", work)
+        assert tuple(gained.brief(Hypothesis.of(*terms[:n])) for n in (0, 1, 2, MANY + 1)) == brief
+
+
+def test_two_effects_are_found_and_weighed_after_long_work():
+    def change(model: mujoco.MjModel) -> None:
+        model.actuator_gainprm[0, 0] = 0.7
+        model.dof_frictionloss[1] = 0.1
+
+    s = _search(_prepared(ARM, record(ARM, [2.0, 0.8], change=change)))
+    s.sim.work = 2 * WORK
+    f, last = search(s)
+    assert {(t.id, t.place.name) for t in f.hypothesis.terms} == {
+        ("actuator_gain", "shoulder_motor"),
+        ("coulomb_friction", "elbow"),
+    }
+    f, whites = final_fit(s, f)
+    rivals = find_rivals(s, s.score([f], whites)[0], whites, last)
+    assert all(rivals[t] and not any(r.tied or r.better for r in rivals[t]) for t in f.hypothesis.terms)
+
+
 def test_intervals_allow_for_the_timestep(gained):
     f, _ = final_fit(gained, _with(gained, {"actuator_gain": 0.72}))
     deviation = np.sqrt(f.cov[0, 0])
@@ -203,7 +238,7 @@ PENDULUMS = "".join(
     for k in range(16)
 )
 MOTORS = "".join(f'<motor joint="j{k}"/>' for k in range(16))
-MANY = f"""<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>{PENDULUMS}</worldbody>
+PENDULA = f"""<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>{PENDULUMS}</worldbody>
 <actuator>{MOTORS}</actuator></mujoco>"""
 
 
@@ -212,7 +247,7 @@ def test_what_one_of_many_joints_lacks_does_not_drown(lacking):
     def change(model: mujoco.MjModel) -> None:
         model.dof_damping[3] += lacking
 
-    s = _search(_prepared(MANY, record(MANY, 0.8, change=change, noise=1e-3)))
+    s = _search(_prepared(PENDULA, record(PENDULA, 0.8, change=change, noise=1e-3)))
     white = s.whiten_one(NOTHING, s.train)
     flat = white(s.sim.residuals([Run(NOTHING.hypothesis, NOTHING.theta)], s.train))[0]
     each = robust_loss(white.by_dof(flat, 16)).mean(0)
