@@ -24,7 +24,7 @@ from mpge_jax.diagnosis.whiten import column_scale, numerics, robust_loss, white
 from mpge_jax.diagnosis.windows import Source, Windows, cut
 
 Array = np.ndarray
-SEGMENT = 0.8
+SEGMENT, ALL = 0.8, 1_000_000
 EXCESS = 0.5
 """Relative chi^2 above the floor that counts as structure."""
 SHARE = 0.1
@@ -79,7 +79,8 @@ def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int
         shaken: the `force_noise` of these recordings, where it is known already.
     """
     sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
-    w = prepared.windows(held=False, duration=SEGMENT, limit=limit, seed=5)
+    # of all their rows: commands averaged over several would count as noise
+    w = prepared.windows(held=False, duration=SEGMENT, limit=limit, seed=5, samples=ALL)
     if not w.count or w.times.shape[1] < 14:
         return Floor()
     shaken = force_noise(prepared) if shaken is None else shaken

@@ -38,7 +38,7 @@ from mpge_jax.diagnosis.judge import (
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.prepare import Prepared, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
-from mpge_jax.diagnosis.recording import Recording, chain_transitions, unwrapped, validate
+from mpge_jax.diagnosis.recording import Recording, chain_transitions, from_zero, unwrapped, validate
 from mpge_jax.diagnosis.rigid import name_nearest
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
 from mpge_jax.diagnosis.search import search
@@ -172,7 +172,7 @@ def diagnose(
     if files or not ready:
         checked += load_recordings(files, plain, names, columns)
     # transitions follow one another as they were logged, so they are joined before angles are made continuous
-    checked = [unwrapped(r, plain, names) for r in chain_transitions(checked)]
+    checked = [from_zero(unwrapped(r, plain, names)) for r in chain_transitions(checked)]
     called = [r.name for r in checked]
     for name in called:
         if called.count(name) > 1:

@@ -27,6 +27,8 @@ timestep a force was measured."""
 MISSED = 0.1
 """Share of an actuator's largest forces, and of what the nominal law misses, that a law must miss (root mean square)
 for something to be left."""
+PAUSE = 2.0
+"""Seconds that a gap in a log counts for at most."""
 WORST = 8
 """Stretches of recordings that are listed where something is left."""
 
@@ -74,17 +76,20 @@ def log_of(source: Source, ctx: Context, actuator: int, dt: float, first_block: 
     good = np.isfinite(r.known("force")[:, actuator])
     if good.sum() < 20:
         return None
-    t = r.time
-    grid = np.arange(t[0], t[-1] + 2 * dt, dt)
+    # a pause in the log, over which the command stays, need not last longer than anything in a drive does
+    t = np.concatenate([[0.0], np.cumsum(np.minimum(np.diff(r.time), PAUSE))])
+    grid = dt * np.arange(int(np.ceil(t[-1] / dt)) + 2)
     u = clipped(m, r.known("ctrl"))[
         np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, t.size - 1), actuator
     ]
     length, speed = stroke(m, actuator, source.states)
     # the first point of the grid that sees the row's own command
-    at = np.clip(np.ceil((t - t[0]) / dt - 1e-6).astype(int), 0, grid.size - 1)
-    block = first_block + ((t - t[0]) / BLOCK_S).astype(int)
+    at = np.clip(np.ceil(t / dt - 1e-6).astype(int), 0, grid.size - 1)
+    block = first_block + (t / BLOCK_S).astype(int)
     force = r.known("force")[good, actuator]
-    return Log(r.name, t[good], u[None], at[good], force, length[good], speed[good], block[good])
+    return Log(
+        r.name, (r.origin + r.time)[good], u[None], at[good], force, length[good], speed[good], block[good]
+    )
 
 
 def jumps(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, source: Source) -> Array:

@@ -118,6 +118,10 @@ def apply(
         if raw[entry["from"]].dtype.kind not in "fiub":
             raise InputError(f"{path.name}: the map's '{entry['from']}' does not hold plain numbers.")
         value = np.asarray(raw[entry["from"]], dtype=float)
+        if value.ndim not in (1, 2):
+            raise InputError(
+                f"{path.name}: the map's '{entry['from']}' has {value.ndim} dimensions; columns have one, tables two."
+            )
         if value.ndim == 2:
             column = entry.get("column", 0)
             if not isinstance(column, int) or not 0 <= column < value.shape[1]:

@@ -13,9 +13,11 @@ from mpge_jax import files
 from mpge_jax.diagnosis.fit import Fitted, prior_widths
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_scalar
+from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.simulate import Run
+from mpge_jax.diagnosis.states import States
 from mpge_jax.diagnosis.whiten import column_scale
-from mpge_jax.diagnosis.windows import HISTORY, Windows
+from mpge_jax.diagnosis.windows import HISTORY, Source, Windows
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis
@@ -200,10 +202,14 @@ def _windows(d: Diagnosis, q0: Array, commands: Array, dt: float) -> Windows:
     """A window for each command sequence [W, T, nu], from rest, sampled every `_EVERY` steps."""
     m, (count, steps, _) = d.prepared.model, commands.shape
     before = int(np.ceil(HISTORY / dt))
+    # at rest for long: late sensors look back
+    rest, still = np.array([0.0, HISTORY]), np.zeros((2, m.nv))
+    states = States(np.tile(q0, (2, 1)), still, still, np.zeros((2, m.nv, 2, 2)))
+    source = Source.build(Recording("at rest", rest, states.qpos), states, np.zeros((2, m.nu)))
     grid = np.arange(_EVERY, steps + 1, _EVERY) * dt
     n = grid.size
     return Windows(
-        d.prepared.train_sources, np.zeros(count, int), np.zeros(count), dt, steps,
+        (source,), np.zeros(count, int), np.zeros(count), dt, steps,
         np.tile(q0, (count, 1)), np.zeros((count, m.nv)), np.zeros((count, m.nv, 2, 2)),
         np.zeros((count, m.na)), np.concatenate([np.repeat(commands[:, :1], before, 1), commands], 1),
         np.tile(grid, (count, 1)), np.ones((count, n), bool), np.tile(q0, (count, n, 1)),

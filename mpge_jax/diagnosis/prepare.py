@@ -31,7 +31,7 @@ from mpge_jax.diagnosis.recording import Recording, rows_of
 from mpge_jax.diagnosis.simulate import Simulator
 from mpge_jax.diagnosis.split import split
 from mpge_jax.diagnosis.states import MAX_ROWS, Noise, estimate
-from mpge_jax.diagnosis.windows import Source, Windows, choose_dt, cut
+from mpge_jax.diagnosis.windows import MAX_SAMPLES, Source, Windows, choose_dt, cut
 
 SPARSE = 0.2
 """Time between rows, over the length of a window, beyond which windows last whole rows."""
@@ -60,7 +60,10 @@ class Prepared:
     config: Config
     timestep: float
 
-    def windows(self, held: bool, duration: float, limit: int, seed: int = 0) -> Windows:
+    def windows(
+        self, held: bool, duration: float, limit: int, seed: int = 0, samples: int = MAX_SAMPLES
+    ) -> Windows:
+        """At most `limit` windows of at most `samples` rows, of `duration` s or shorter where recordings are."""
         sources = self.held_sources if held else self.train_sources
         lengths = [
             s.recording.duration - settling(s, self.model) for s in self.train_sources + self.held_sources
@@ -69,8 +72,13 @@ class Prepared:
             duration = float(np.ceil(duration / self.ctx.period - 1e-6)) * self.ctx.period
         # logs of short episodes: most of them must hold a window
         duration = min(duration, max(float(np.quantile(lengths, 0.3)), float(np.median(lengths)) / 2))
+        # and at least one of either kind
+        trained = len(self.train_sources)
+        duration = min(
+            duration, max(lengths[:trained], default=duration), max(lengths[trained:], default=duration)
+        )
         rng = np.random.default_rng([self.config.seed, int(held), seed])
-        return cut(sources, self.model, self.noise, duration, limit, self.dt, rng)
+        return cut(sources, self.model, self.noise, duration, limit, self.dt, rng, samples)
 
 
 def with_drives(

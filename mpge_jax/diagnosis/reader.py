@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import zipfile
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -126,14 +127,19 @@ def read_recording(
     return validate(recording, model, names)
 
 
+def _in_order(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Sorts names as people count: step_2 before step_10."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(p), "") if p.isdecimal() else (-1, p) for p in parts], path.name
+
+
 def find_files(paths: Iterable[str | Path]) -> list[Path]:
-    """Recording files of the given files and folders, sorted by name; other files in a folder are left alone."""
+    """Recording files of the given files and folders in the order of their names; others in a folder are left alone."""
     files: list[Path] = []
     for entry in map(Path, paths):
         if entry.is_dir():
-            inside = sorted(
-                p for p in entry.iterdir() if p.suffix.lower() in (".npz", ".csv") and p.is_file()
-            )
+            found = (p for p in entry.iterdir() if p.suffix.lower() in (".npz", ".csv") and p.is_file())
+            inside = sorted(found, key=_in_order)
             if not inside:
                 raise InputError(f"the folder {entry} holds no .npz or .csv file.")
             files += [p for p in inside if p.name != "next_experiment.npz"]

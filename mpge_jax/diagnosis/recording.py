@@ -27,6 +27,7 @@ class Recording:
         qvel: [T, nv] measured velocities or None.
         ctrl: [T, nu] commands, `ctrl[t]` held from `time[t]` to `time[t+1]`, or None.
         force: [T, nu] measured scalar actuator forces (NaN where not measured) or None.
+        origin: s to add to `time` for the log's own clock.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Recording:
     ctrl: Array | None = None
     force: Array | None = None
     warnings: tuple[str, ...] = field(default=(), compare=False)
+    origin: float = 0.0
 
     def known(self, key: str) -> Array:
         """The array `qvel`, `ctrl` or `force`; NaN throughout where it was not recorded."""
@@ -62,6 +64,16 @@ def rows_of(r: Recording, rows: slice, name: str) -> Recording:
         ctrl=cut(r.ctrl),
         force=cut(r.force),
     )
+
+
+def from_zero(r: Recording) -> Recording:
+    """The recording with times that begin at 0: those of a clock that began in 1970 resolve a quarter microsecond."""
+    return replace(r, time=r.time - r.time[0], origin=r.origin + float(r.time[0]))
+
+
+def longest_step(recording: Recording) -> float:
+    """Seconds between two rows beyond which rows are missing."""
+    return max(5 * float(np.median(np.diff(recording.time))), 0.05)
 
 
 def _column_name(model: mujoco.MjModel, names: Names, key: str, column: int) -> str:
@@ -205,7 +217,10 @@ def unwrapped(recording: Recording, model: mujoco.MjModel, names: Names) -> Reco
             v = recording.qvel[:, model.jnt_dofadr[j]]
         steps = np.diff(value)
         if np.isfinite(v).all():
-            turns = np.round((0.5 * (v[1:] + v[:-1]) * np.diff(recording.time) - steps) / (2 * np.pi))
+            dt = np.diff(recording.time)
+            turns = np.round((0.5 * (v[1:] + v[:-1]) * dt - steps) / (2 * np.pi))
+            # what it did in between nobody knows
+            turns[dt > longest_step(recording)] = 0
         else:
             jumps = np.abs(steps) > WRAP
             rest = np.abs(steps[~jumps])
@@ -224,7 +239,7 @@ def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list
     out, name = [], recording.name
     steps = np.diff(recording.time)
     median = float(np.median(steps))
-    if steps.max() > max(5 * median, 0.05):
+    if steps.max() > longest_step(recording):
         out.append(f"{name}: a gap of {steps.max():.3g} s in time; no window spans it.")
     if median > 0.1:
         out.append(f"{name}: only {1 / median:.3g} rows a second; fast effects cannot be seen.")

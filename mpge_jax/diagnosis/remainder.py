@@ -66,12 +66,9 @@ def describe(
         when += f"; it always pushes {'forwards' if signs.mean() > 0 else 'backwards'}"
     top = np.argsort(-best.train)[: min(8, w.count)]
     length = w.times.max(1)
-    intervals = [
-        [
-            w.sources[w.source[k]].recording.name,
-            round(float(w.start[k]), 4),
-            round(float(w.start[k] + length[k]), 4),
-        ]
-        for k in sorted(top, key=lambda k: (w.source[k], w.start[k]))
-    ]
+    intervals = []
+    for k in sorted(top, key=lambda k: (w.source[k], w.start[k])):
+        r = w.sources[w.source[k]].recording
+        begin = r.origin + float(w.start[k])
+        intervals.append([r.name, round(begin, 4), round(begin + float(length[k]), 4)])
     return {"at": at, "when": when, "intervals": intervals, "share": float(min(share, 1.0))}

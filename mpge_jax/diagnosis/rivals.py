@@ -6,7 +6,7 @@ from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.evidence import EVIDENCE, standard_error
 from mpge_jax.diagnosis.fit import Fitted, evaluate, fit
-from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import is_joint_transmission
 from mpge_jax.diagnosis.rigid import same_body
 from mpge_jax.diagnosis.select import (
@@ -58,7 +58,7 @@ def find_rivals(
         parts = best.fit.hypothesis.split(ctx, best.fit.theta)
         base = Fitted(base_h, base_h.gather(ctx, parts), base_h.gather(ctx, parts))
         # Screened anew: the search drops what looks like a better one of its group, as a rival does.
-        candidates = [t for t in s.terms if t != term and compatible(base_h, t)]
+        candidates = [t for t in s.terms if not _same(t, term) and compatible(base_h, t)]
         if many:
             here = _joints(ctx, term.place)
             candidates = [t for t in candidates if here & _joints(ctx, t.place)]
@@ -68,17 +68,32 @@ def find_rivals(
         fits = fit(s.sim, pool, *sample, iterations=2)
         if fits:
             # what comes near is judged on all windows, so it is fitted to them
-            near = hopeful(fits, evaluate(s.sim, [base], *sample)[0].loss)[: 1 if many else None]
+            near = hopeful(fits, evaluate(s.sim, [base], *sample)[0].loss)
+            if many:
+                near = [f for f in near if not _contains(f, base_h, term)][:1]
             nearest = {f.hypothesis for f in near}
             far = [f for f in fits if f.hypothesis not in nearest]
             fits = [*fit(s.sim, near, s.train, whites[0], iterations=1 if many else 3), *far]
         rivals = []
         for r in s.score(fits, whites):
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
-            if other is not None and (other.name, other.place) != (term.name, term.place):
+            if other is not None:
                 rivals.append(_compare(s, best, term, r, other))
         out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
+
+
+def _same(a: Term, b: Term) -> bool:
+    """Whether two terms are forms of one effect at one place."""
+    return (a.name, a.place) == (b.name, b.place)
+
+
+def _contains(f: Fitted, without: Hypothesis, term: Term) -> bool:
+    """Whether a rival has `term` as a special case: it always fits as well, and is none to choose."""
+    special = SPECIAL_CASES.get(term.id, ())
+    return any(
+        t.place == term.place and t.id in special for t in f.hypothesis.terms if t not in without.terms
+    )
 
 
 def _joints(ctx: Context, place: Place) -> set[int]:
@@ -132,7 +147,7 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
         )
     if same_body(s.sim.ctx, term, other):
         return Rival(other, rival.fit, margin, error, "it is the same rigid body under another name")
-    if other.place == term.place and other.id in SPECIAL_CASES.get(term.id, ()):
+    if _contains(rival.fit, best.fit.hypothesis.without(term), term):
         why = f"it contains {term.name.replace('_', ' ')} as a special case and gains nothing by its further parameters"
         return Rival(other, rival.fit, margin, error, why)
     if other.effect.tier > term.effect.tier:

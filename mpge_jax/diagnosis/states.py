@@ -86,6 +86,7 @@ def estimate(
         qpos_noise[c], quanta[c] = column_noise(
             [r.time for r in recordings], [r.qpos[:, c] for r in recordings], rests=True
         )
+    _as_others(recordings, model, qpos_noise, quanta)
     qvel_noise = np.full(model.nv, np.inf)
     with_velocity = [(r.time, r.qvel) for r in recordings if r.qvel is not None]
     for d in range(model.nv):
@@ -112,6 +113,21 @@ def estimate(
             qvel_noise[unused] = np.inf
     noise = Noise(qpos_noise, qvel_noise, quanta)
     return noise, _smooth_all(recordings, model, dofs, noise), warnings
+
+
+def _as_others(recordings: list[Recording], model: mujoco.MjModel, noise: Array, quanta: Array) -> None:
+    """Give joints whose reading never changed the noise of the finest quantised encoder of their kind, in place: within
+    its steps they may have moved."""
+    columns: dict[int, list[int]] = {}
+    for j in range(model.njnt):
+        if is_scalar(model, j):
+            columns.setdefault(int(model.jnt_type[j]), []).append(int(model.jnt_qposadr[j]))
+    for alike in columns.values():
+        known = [quanta[c] for c in alike if quanta[c] > 0]
+        for c in alike if known else []:
+            if all(np.ptp(r.qpos[:, c]) == 0 for r in recordings):
+                quanta[c] = min(known)
+                noise[c] = max(np.nan_to_num(noise[c]), min(known) / np.sqrt(12))
 
 
 def _smooth_all(

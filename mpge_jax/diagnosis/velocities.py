@@ -9,6 +9,8 @@ from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.smooth import Series, smooth
 
 Array = np.ndarray
+LOOKED_AT = 400
+"""Rows of a recording that are smoothed to compare velocities with."""
 EQUAL, EXACT = 1e-3, 3e-3
 """Velocities within this share of the positions' slope are computed from it; those whose noise is a smaller share of
 their spread are exact, wherever they come from."""
@@ -35,20 +37,33 @@ def wrong(
         ][:4]
         if not usable:
             continue
+        rows = [_liveliest(r.qpos[:, column]) for r in usable]
         estimates = smooth(
-            [Series(r.time[:400], r.qpos[:400, column], None, qpos_noise[column], 1.0) for r in usable]
+            [
+                Series(r.time[k], r.qpos[k, column], None, qpos_noise[column], 1.0)
+                for r, k in zip(usable, rows, strict=True)
+            ]
         )
         ratio = []
-        for r, s in zip(usable, estimates, strict=True):
-            inner = slice(10, min(400, r.time.size) - 10)
-            assert r.qvel is not None
-            error = r.qvel[:400, dof][inner] - s.mean[inner, 1]
+        for r, k, s in zip(usable, rows, estimates, strict=True):
+            inner = slice(10, s.mean.shape[0] - 10)
+            velocity = r.known("qvel")[k, dof]
+            error = velocity[inner] - s.mean[inner, 1]
             expected = s.cov[inner, 1, 1] + qvel_noise[dof] ** 2
-            tolerance = (0.02 * np.std(r.qvel[:400, dof])) ** 2
+            tolerance = (0.02 * np.std(velocity)) ** 2
             ratio.append(float(np.median(error**2 / (expected + tolerance))))
         if np.median(ratio) > 4.0:
             bad.append(dof)
     return bad
+
+
+def _liveliest(value: Array) -> slice:
+    """The `LOOKED_AT` rows in a row in which a position changes most."""
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(value)))])
+    if value.size <= LOOKED_AT:
+        return slice(0, value.size)
+    first = int(np.argmax(way[LOOKED_AT - 1 :] - way[: 1 - LOOKED_AT]))
+    return slice(first, first + LOOKED_AT)
 
 
 def derived(recordings: list[Recording], dofs: dict[int, int], qvel_noise: Array) -> list[int]:

@@ -8,10 +8,12 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.activations import activations, settling
-from mpge_jax.diagnosis.recording import Recording
+from mpge_jax.diagnosis.recording import Recording, longest_step
 from mpge_jax.diagnosis.states import Noise, States
 
 Array = np.ndarray
+MAX_SAMPLES = 100
+"""Rows of a window that are compared, at most."""
 HISTORY = 0.8
 """Seconds of commands and motion kept before a window, for delays, lags and what stands between motor and link: five
 time constants of a slow drive."""
@@ -188,11 +190,6 @@ def roughness(recording: Recording) -> Array:
     return out
 
 
-def longest_step(recording: Recording) -> float:
-    """Seconds between two rows beyond which rows are missing."""
-    return max(5 * float(np.median(np.diff(recording.time))), 0.05)
-
-
 def _spans(recording: Recording, duration: float, skip: float = 0.0) -> list[tuple[int, int]]:
     """Non-overlapping (first row, last row) of at most `duration` seconds without gaps, after the first `skip` seconds.
 
@@ -230,9 +227,9 @@ def cut(
     limit: int,
     dt: float,
     rng: np.random.Generator,
-    max_samples: int = 100,
+    max_samples: int = MAX_SAMPLES,
 ) -> Windows:
-    """Cut at most `limit` windows of `duration` seconds, spread over all recordings."""
+    """Cut at most `limit` windows of `duration` seconds with at most `max_samples` rows, spread over all recordings."""
     found = [
         (i, a, b) for i, s in enumerate(sources) for a, b in _spans(s.recording, duration, settling(s, model))
     ]
