@@ -58,6 +58,23 @@ def activations(model: mujoco.MjModel, source: Source) -> Array:
     return out
 
 
+def moved(model: mujoco.MjModel, a: int, changes: Array, dt: float) -> Array:
+    """By how much [n, na] the activation of a filter `a` differs after its last commands differed by `changes` [n, H],
+    in steps of `dt`. A muscle's, which is not linear, is left alone."""
+    out = np.zeros((len(changes), model.na))
+    adr, kind, ago = (
+        int(model.actuator_actadr[a]),
+        model.actuator_dyntype[a],
+        np.arange(changes.shape[1])[::-1],
+    )
+    if adr < 0:
+        return out
+    if kind == mujoco.mjtDyn.mjDYN_FILTER or kind == mujoco.mjtDyn.mjDYN_FILTEREXACT:
+        decay = np.exp(-dt / max(float(model.actuator_dynprm[a, 0]), 1e-6))
+        out[:, adr] = changes @ ((1.0 - decay) * decay**ago)
+    return out
+
+
 def _filtered(x: float, commands: Array, decays: Array) -> Array:
     """A first-order filter's states [L + 1] under held commands [L]."""
     out = [x]

@@ -153,10 +153,8 @@ class CStepper:
         """Positions [nq] as the encoders report them (offset and delay included)."""
         out = self.data.qpos.copy()
         times = np.array([t for t, _ in self._past])
-        for term, theta in self.machine.sensed:
-            column = self.machine.ctx.qadr(term.place)
-            offset, delay = term.effect.sense(theta)
-            if np.any(delay):
+        for column, (offset, delay) in self.machine.senses().items():
+            if delay:
                 out[column] = np.interp(self.data.time - delay, times, [q[column] for _, q in self._past])
             out[column] += offset
         return out

@@ -53,6 +53,7 @@ def follows(model: mujoco.MjModel) -> np.ndarray:
     """[nu] whether an actuator's force follows the motion between two rows (a servo, a filter); a plain motor's is
     held like its command."""
     moving = model.actuator_biastype != mujoco.mjtBias.mjBIAS_NONE
+    moving |= model.actuator_gaintype != mujoco.mjtGain.mjGAIN_FIXED
     return moving | (model.actuator_dyntype != mujoco.mjtDyn.mjDYN_NONE)
 
 

@@ -176,7 +176,7 @@ def _velocities(model: mujoco.MjModel, data: mujoco.MjData) -> Callable[[int], A
     def velocity(body: int) -> Array:
         out = np.zeros(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, body, out, 0)
-        return out[3:] + np.cross(out[:3], data.xipos[body] - data.xpos[body])
+        return out[3:]
 
     return velocity
 

@@ -53,7 +53,7 @@ class CorrectedEngine:
         self.model = model
         self.mjx_model = mjx.put_model(model)
         self._dt = float(model.opt.timestep)
-        delays = [float(np.max(t.effect.sense(theta)[1])) for t, theta in machine.sensed]
+        delays = [delay for _, delay in machine.senses().values()]
         self._history = int(np.ceil(max(delays, default=0.0) / self._dt)) + 2
 
     def init(self, qpos: jax.Array, qvel: jax.Array) -> CorrectedData:
@@ -120,10 +120,8 @@ class CorrectedEngine:
         self, data: Any, commands: Any, forces: Any, past: jax.Array, started: jax.Array
     ) -> CorrectedData:
         measured = data.qpos
-        for term, theta in self.machine.sensed:
-            column = self.machine.ctx.qadr(term.place)
-            offset, delay = term.effect.sense(theta)
-            steps = float(delay) / self._dt
+        for column, (offset, delay) in self.machine.senses().items():
+            steps = delay / self._dt
             whole = int(np.floor(steps))
             part = steps - whole
             value = past[0, column]
@@ -131,5 +129,5 @@ class CorrectedEngine:
                 value = (1 - part) * past[whole, column] + part * past[
                     min(whole + 1, self._history - 1), column
                 ]
-            measured = measured.at[column].set(value + float(offset))
+            measured = measured.at[column].set(value + offset)
         return CorrectedData(data, measured, data.qvel, data.time, commands, forces, past, started)

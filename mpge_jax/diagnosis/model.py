@@ -12,6 +12,9 @@ import numpy as np
 from mpge_jax.diagnosis import model_files
 from mpge_jax.diagnosis.errors import InputError
 
+TAKEN = 9
+"""Where in `actuator_biasprm` the gain on speed of a drive lies that an effect computes in place of the engine, which
+reads the first three numbers only."""
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -40,13 +43,50 @@ def _explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     if spec.option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL):
         for actuator in spec.actuators:
             actuator.ctrllimited = int(mujoco.mjtLimited.mjLIMITED_FALSE)
-    ratios = [actuator for actuator in spec.actuators if actuator.biasprm[2] > 0]
-    if ratios:
-        # a damping ratio would follow masses that are changed
-        compiled = spec.compile()
-        for actuator in ratios:
-            actuator.biasprm = compiled.actuator_biasprm[actuator.id]
+    _replace_what_follows_masses(spec)
     return spec
+
+
+def _replace_what_follows_masses(spec: mujoco.MjSpec) -> None:
+    """Write what the compiler derives from the masses or the pose as numbers, which effects can change and masses that
+    are changed do not: damping ratios, spring-dampers, rest lengths of tendons, peak forces of muscles. A joint's limit
+    on its only motor becomes the motor's."""
+    derived = any(
+        (a.gaintype == mujoco.mjtGain.mjGAIN_MUSCLE and a.gainprm[2] < 0) or a.biasprm[2] > 0
+        for a in spec.actuators
+    )
+    derived |= any(np.any(np.array(j.springdamper) > 0) or np.any(j.actfrcrange) for j in spec.joints)
+    derived |= any(t.springlength[0] < 0 for t in spec.tendons)
+    if not derived:
+        return
+    m = spec.compile()
+    for a in spec.actuators:
+        i, muscle = a.id, m.actuator_gaintype[a.id] == mujoco.mjtGain.mjGAIN_MUSCLE
+        if muscle and a.gainprm[2] < 0:
+            peak = a.gainprm[3] / max(float(m.actuator_acc0[i]), 1e-15)
+            a.gainprm, a.biasprm = (
+                np.concatenate([prm[:2], [peak], prm[3:]])
+                for prm in (np.array(a.gainprm), np.array(a.biasprm))
+            )
+        elif not muscle and a.biasprm[2] > 0:
+            a.biasprm = m.actuator_biasprm[i]
+        joint = int(m.actuator_trnid[i, 0])
+        alone = is_joint_transmission(m, i) and len(actuators_of_joint(m, joint)) == 1
+        gear = float(m.actuator_gear[i, 0])
+        if alone and m.jnt_actfrclimited[joint] and gear != 0.0:
+            given = m.actuator_forcerange[i] if m.actuator_forcelimited[i] else np.array([-np.inf, np.inf])
+            low, high = np.sort(m.jnt_actfrcrange[joint] / gear)
+            a.forcelimited = int(mujoco.mjtLimited.mjLIMITED_TRUE)
+            a.forcerange = [max(low, given[0]), min(high, given[1])]
+    for j in spec.joints:
+        if np.any(np.array(j.springdamper) > 0):
+            dof = int(m.jnt_dofadr[j.id])
+            stiffness, damping = np.array(j.stiffness, dtype=float), np.array(j.damping, dtype=float)
+            stiffness[0], damping[0] = m.jnt_stiffness[j.id], m.dof_damping[dof]
+            j.stiffness, j.damping, j.springdamper = stiffness, damping, [0.0, 0.0]
+    for t in spec.tendons:
+        if t.springlength[0] < 0:
+            t.springlength = m.tendon_lengthspring[t.id]
 
 
 def _replace_total_mass(spec: mujoco.MjSpec) -> None:
@@ -77,6 +117,7 @@ def compile_variable(spec: mujoco.MjSpec) -> mujoco.MjModel:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"MuJoCo cannot compile the model: {' '.join(str(error).split())}") from None
+    model.actuator_biasprm[model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE, TAKEN] = 0.0
     if not model.nu == model.nactuator == model.nout:
         raise InputError(
             "the model has actuators with several inputs or outputs (pid, orientation), which are not supported; "
@@ -187,6 +228,15 @@ def actuators_of_joint(model: mujoco.MjModel, joint: int) -> list[int]:
         for a in range(model.nu)
         if is_joint_transmission(model, a) and int(model.actuator_trnid[a, 0]) == joint
     ]
+
+
+def rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
+    """Inertia of what turns with the motors of a scalar joint, as felt at the joint: its own armature and theirs."""
+    geared = [
+        float(model.actuator_armature[a] * model.actuator_gear[a, 0] ** 2)
+        for a in actuators_of_joint(model, joint)
+    ]
+    return float(model.dof_armature[model.jnt_dofadr[joint]]) + sum(geared)
 
 
 def moments(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

@@ -12,7 +12,7 @@ from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.effects.base import Context, Step
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import clipped, has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.model import TAKEN, clipped, has_plain_law, is_joint_transmission
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
@@ -35,7 +35,7 @@ class Runtime:
         self, model: mujoco.MjModel, ctx: Context, batch: Batch, groups: list[Group], push: Array, dt: float
     ) -> None:
         self.model, self.ctx, self.batch, self.groups = model, ctx, batch, groups
-        self.push, self.dt = push, dt
+        self.push, self.dt, self.batch_size = push, dt, len(push)
         m = model
         self.qfrc = batch.bind("qfrc_applied")
         self.xfrc = batch.bind("xfrc_applied")
@@ -53,6 +53,7 @@ class Runtime:
         self.range = _expanded(batch, m, "actuator_forcerange").copy()
         limited = _expanded(batch, m, "actuator_forcelimited").astype(bool)
         self.range[~np.broadcast_to(limited, self.range.shape[:-1])] = [-1e12, 1e12]
+        self.taken = bool(self.bias[..., TAKEN].any())
         self.affine_rows = _expanded(batch, m, "actuator_biastype") == int(mujoco.mjtBias.mjBIAS_AFFINE)
         self.formula = np.array([has_plain_law(m, a) for a in range(m.nu)], dtype=bool)
         self.last_force = batch.bind("actuator_force") if m.nu and not self.formula.all() else None
@@ -78,13 +79,17 @@ class Runtime:
         gain, limits = of(self.gain), of(self.range)
         bias = np.where(of(self.affine_rows)[..., None], of(self.bias), 0.0)
         command = clipped(self.model, u)
-        free = gain[..., 0] * command + bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
+        slow = gain[..., 0] * command + bias[..., 0] + bias[..., 1] * length
+        free = slow + (bias[..., 2] + bias[..., TAKEN]) * speed
         f = np.clip(free, limits[..., 0], limits[..., 1])
+        engine = np.clip(slow + bias[..., 2] * speed, limits[..., 0], limits[..., 1]) if self.taken else None
         if self.last_force is not None:
             last = of(self.last_force)
             free, f = np.where(self.formula, free, last), np.where(self.formula, f, last)
+            engine = None if engine is None else np.where(self.formula, engine, last)
         low, high, stiffness, damping = (
-            np.broadcast_to(x, f.shape) for x in (limits[..., 0], limits[..., 1], bias[..., 1], bias[..., 2])
+            np.broadcast_to(x, f.shape)
+            for x in (limits[..., 0], limits[..., 1], bias[..., 1], bias[..., 2] + bias[..., TAKEN])
         )
 
         def velocity(body: int) -> Array:
@@ -93,7 +98,7 @@ class Runtime:
         def external(dof: int) -> Array:
             return of(self._external(dof))
 
-        return Step(q, v, u, f, free, low, high, stiffness, damping, velocity, self.dt, external)
+        return Step(q, v, u, f, free, low, high, stiffness, damping, velocity, self.dt, external, engine)
 
     def _external(self, dof: int) -> Array:
         """Torque of gravity and of the other links' motion on a joint, one substep behind."""
@@ -179,7 +184,8 @@ class Runtime:
                     dof = int(m.jnt_dofadr[m.actuator_trnid[a, 0]])
                     self.qfrc[rows, dof] += self.gear[a] * forces.actuator
                 else:
-                    self.batch.bind("ctrl")[rows, a] += forces.actuator / m.actuator_gainprm[a, 0]
+                    gain = np.broadcast_to(self.gain[..., a, 0], (self.batch_size,))[rows]
+                    self.batch.bind("ctrl")[rows, a] += forces.actuator / gain
 
 
 def _either(choice: Array, a: Any, b: Any) -> Any:
@@ -201,6 +207,7 @@ def _rows(s: Step, rows: Array) -> Step:
         lambda body: s.body_velocity(body)[rows],
         s.dt,
         lambda dof: s.external(dof)[rows],
+        None if s.engine is None else s.engine[rows],
     )
 
 

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from mpge_jax.diagnosis.activations import moved
 from mpge_jax.diagnosis.effects.base import Context, Fields
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import is_scalar
@@ -150,9 +151,12 @@ class Simulator:
         offset, delay = self._senses(groups, n)
         q0, v0 = self._starts(runs, w, window, offset, delay)
         batch.bind("qpos")[:], batch.bind("qvel")[:] = q0, v0
+        commands = self._commands(groups, w, window)
         if m.na:
             batch.bind("act")[:] = w.act0[window]
-        commands = self._commands(groups, w, window)
+            for a, (rows, u) in commands.items():
+                before = u[:, : w.history] - w.command[window[rows], : w.history, a]
+                batch.bind("act")[rows] += moved(m, a, before, w.dt)
         q, v = self._roll(batch, groups, runs, rows_of, commands, w, window)
         each = m.nv**1.5 * (4 if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 1)
         self.work += n * w.steps * each

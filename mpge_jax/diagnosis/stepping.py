@@ -11,7 +11,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Array, Context, Fields, Step
 from mpge_jax.diagnosis.effects.native import field_of
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import clipped, has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.model import TAKEN, clipped, has_plain_law, is_joint_transmission
 
 
 class ModelFields(Fields):
@@ -66,9 +66,15 @@ class Machine:
     def commanded(self) -> list[tuple[Term, np.ndarray]]:
         return [(t, th) for t, th in zip(self.terms, self.thetas, strict=True) if t.effect.commands]
 
-    @property
-    def sensed(self) -> list[tuple[Term, np.ndarray]]:
-        return [(t, th) for t, th in zip(self.terms, self.thetas, strict=True) if t.effect.senses]
+    def senses(self) -> dict[int, tuple[float, float]]:
+        """Offset and delay (s) of what sensors report, by column of qpos."""
+        out: dict[int, tuple[float, float]] = {}
+        for term, theta in zip(self.terms, self.thetas, strict=True):
+            if term.effect.senses:
+                column = self.ctx.qadr(term.place)
+                old, new = out.get(column, (0.0, 0.0)), term.effect.sense(theta)
+                out[column] = (old[0] + float(new[0]), old[1] + float(new[1]))
+        return out
 
     def dry_dofs(self) -> list[int]:
         """Degrees of freedom whose dry friction is set at every step."""
@@ -118,21 +124,19 @@ def observe(
     f_limited = model.actuator_forcelimited.astype(bool)
     f_low = np.where(f_limited, model.actuator_forcerange[:, 0], -1e12)
     f_high = np.where(f_limited, model.actuator_forcerange[:, 1], 1e12)
-    free = model.actuator_gainprm[:, 0] * clipped(model, ctrl, xp) + bias[:, 0]
-    free = (
-        free
-        + bias[:, 1] * gear * q[model.jnt_qposadr[joint]]
-        + bias[:, 2] * gear * v[model.jnt_dofadr[joint]]
-    )
-    f = xp.clip(free, f_low, f_high)
+    slow = model.actuator_gainprm[:, 0] * clipped(model, ctrl, xp) + bias[:, 0]
+    slow = slow + bias[:, 1] * gear * q[model.jnt_qposadr[joint]]
+    speed, brake = gear * v[model.jnt_dofadr[joint]], bias[:, 2] + bias[:, TAKEN]
+    free = slow + brake * speed
+    f, engine = (xp.clip(x, f_low, f_high) for x in (free, slow + bias[:, 2] * speed))
     if not plain.all():
-        free, f = xp.where(plain, free, last_force), xp.where(plain, f, last_force)
-    low, high, stiffness, damping = (xp.asarray(x) for x in (f_low, f_high, bias[:, 1], bias[:, 2]))
+        free, f, engine = (xp.where(plain, x, last_force) for x in (free, f, engine))
+    low, high, stiffness, damping = (xp.asarray(x) for x in (f_low, f_high, bias[:, 1], brake))
 
     def external(dof: int) -> Array:
         return -bias_force[dof]
 
-    return Step(q, v, ctrl, f, free, low, high, stiffness, damping, body_velocity, dt, external)
+    return Step(q, v, ctrl, f, free, low, high, stiffness, damping, body_velocity, dt, external, engine)
 
 
 def force_start(xp: Any, m: Machine, s: Step) -> tuple[Any, ...]:

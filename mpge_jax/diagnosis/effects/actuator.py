@@ -24,6 +24,16 @@ class OfActuator(Effect):
     side = "actuator"
 
 
+class OfCommand(OfActuator):
+    """Changes the commands of a drive that forgets them: an integrator holds those from before the recording too."""
+
+    commands = True
+
+    def places(self, ctx: Context) -> list[Place]:
+        integrates = ctx.model.actuator_dyntype == mujoco.mjtDyn.mjDYN_INTEGRATOR
+        return [p for p in super().places(ctx) if not integrates[p.index]]
+
+
 class _Linear(OfActuator):
     """Changes the gain and bias of a drive, which must be the fixed and affine ones: no muscle, no motor model."""
 
@@ -220,4 +230,6 @@ class ActuatorDeadzone(OfActuator):
         f = s.f_free[..., a]
         shrunk = xp.sign(f) * xp.maximum(xp.abs(f) - theta[..., 0], 0.0)
         clipped = xp.minimum(xp.maximum(shrunk, s.force_low[..., a]), s.force_high[..., a])
-        return Forces(actuator=clipped - s.f[..., a]), memory
+        # what is added to a command comes before the limits
+        known = s.f if is_joint_transmission(ctx.model, a) else s.f_free
+        return Forces(actuator=clipped - known[..., a]), memory

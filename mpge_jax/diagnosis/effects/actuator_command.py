@@ -8,16 +8,19 @@ import mujoco
 import numpy as np
 from scipy.signal import lfilter
 
-from mpge_jax.diagnosis.effects.actuator import OfActuator
+from mpge_jax.diagnosis.effects.actuator import OfCommand
 from mpge_jax.diagnosis.effects.base import register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 from mpge_jax.diagnosis.effects.native import element
 from mpge_jax.diagnosis.effects.step import Array
 
+LINEAR = 1
+"""Between two commands in the buffer of an actuator's `delay`."""
+
 
 @register
-class ActuatorDelay(OfActuator):
-    id, order, commands = "actuator_delay", -2, True
+class ActuatorDelay(OfCommand):
+    id, order = "actuator_delay", -2
     equation = "u(t - T)"
     says = "The actuator {at} obeys its command {delay} late."
     tries = (1.0, 3.0, 9.0)
@@ -62,12 +65,13 @@ class ActuatorDelay(OfActuator):
             return False
         a.delay = float(a.delay + theta[0])
         a.nsample = int(np.ceil(a.delay / dt)) + 1
+        a.interp = LINEAR
         return True
 
 
 @register
-class ActuatorLag(OfActuator):
-    id, order, commands = "actuator_lag", -1, True
+class ActuatorLag(OfCommand):
+    id, order = "actuator_lag", -1
     equation = "T du_f/dt = u - u_f"
     says = "The actuator {at} follows its command with a time constant of {time_constant}."
     tries = (2.0, 10.0)
@@ -102,8 +106,14 @@ class ActuatorLag(OfActuator):
 
     def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
         a = element(spec.actuators, place.index)
-        if a.dyntype != mujoco.mjtDyn.mjDYN_NONE:
+        # a filter acts a step late
+        if a.dyntype != mujoco.mjtDyn.mjDYN_NONE or theta[0] < float(ctx.model.opt.timestep):
             return False
+        before = int((ctx.model.actuator_actnum[: place.index]).sum())
+        for key in spec.keys:
+            if len(key.act):
+                held = float(key.ctrl[place.index]) if len(key.ctrl) else 0.0
+                key.act = np.insert(np.array(key.act), before, held)
         a.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
         prm = np.array(a.dynprm)
         prm[0] = theta[0]

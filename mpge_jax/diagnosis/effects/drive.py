@@ -9,7 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-from mpge_jax.diagnosis.model import actuators_of_joint, has_plain_law
+from mpge_jax.diagnosis.model import TAKEN, actuators_of_joint, has_plain_law, rotor_inertia
 
 
 @register
@@ -33,22 +33,27 @@ class Drive(Effect):
     """Motor and link as two bodies: the nominal armature is the motor, the recorded angle the link's.
 
     The motor's state (angle, speed) is the effect's memory, stepped implicitly; the link feels the coupling
-    torque in place of the actuator's.
+    torque in place of the actuator's. A servo follows the motor: its gain on speed is taken from the engine, whose
+    implicit steps would let it hold the link.
     """
 
-    kinds, tier, runtime = ("joint",), 3, True
-    fields, set_const = ("dof_armature",), True
+    kinds, tier, runtime, order = ("joint",), 3, True, 6
+    fields, set_const = ("dof_armature", "actuator_armature", "actuator_biasprm"), True
 
     def places(self, ctx: Context) -> list[Place]:
         m = ctx.model
         return [
-            p
-            for p in super().places(ctx)
-            if m.dof_armature[ctx.dof(p)] > 0 and actuators_of_joint(m, p.index)
+            p for p in super().places(ctx) if rotor_inertia(m, p.index) > 0 and actuators_of_joint(m, p.index)
         ]
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("dof_armature", (ctx.dof(place),), -float(ctx.model.dof_armature[ctx.dof(place)]))
+        for a in actuators_of_joint(ctx.model, place.index):
+            if ctx.model.actuator_armature[a] > 0:
+                f.set("actuator_armature", (a,), 0.0)
+            if has_plain_law(ctx.model, a):
+                f.set("actuator_biasprm", (a, TAKEN), f.get("actuator_biasprm", (a, 2)))
+                f.set("actuator_biasprm", (a, 2), 0.0)
 
     def coupling(
         self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array
@@ -56,8 +61,8 @@ class Drive(Effect):
         """(spring torque, its slope, damping) at a twist of motor against link."""
         raise NotImplementedError
 
-    def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array) -> Array:
-        """Twist that carries a torque."""
+    def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array, hold: Array) -> Array:
+        """Twist that carries a torque, which falls with the twist as a servo's does (`hold`: by how much)."""
         raise NotImplementedError
 
     def fades(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
@@ -69,43 +74,55 @@ class Drive(Effect):
         known = all(has_plain_law(ctx.model, a) for a in actuators_of_joint(ctx.model, place.index))
         return self.fades(ctx, place, theta) if known else np.zeros(len(theta))
 
-    def _torque(self, ctx: Context, place: Place, s: Step, twist: Array, slip: Array) -> tuple[Array, Array]:
-        total, direct = 0.0, 0.0
+    def _torque(
+        self, xp: Any, ctx: Context, place: Place, s: Step, ahead: Array, slip: Array
+    ) -> tuple[Array, Array, Array]:
+        """The motors' torque where they are ahead of the observed link, in angle and speed, and by how much it falls
+        with either."""
+        total, hold, brake = 0.0 * ahead, 0.0 * ahead, 0.0 * ahead
         for a in actuators_of_joint(ctx.model, place.index):
             g = float(ctx.model.actuator_gear[a, 0])
-            servo = s.f_position[..., a] * g * twist + s.f_velocity[..., a] * g * slip
-            total = total + g * (s.f[..., a] + servo)
-            direct = direct + g * s.f[..., a]
-        return total, direct
+            by_angle, by_speed = g * s.f_position[..., a], g * s.f_velocity[..., a]
+            free = s.f_free[..., a] + by_angle * ahead + by_speed * slip
+            f = xp.clip(free, s.force_low[..., a], s.force_high[..., a])
+            follows = xp.where(free == f, 1.0, 0.0)
+            total, hold, brake = total + g * f, hold - g * follows * by_angle, brake - g * follows * by_speed
+        return total, hold, brake
 
     def memory(self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step) -> Any:
         q, v = s.q[..., ctx.qadr(place)], s.v[..., ctx.dof(place)]
-        torque, _ = self._torque(ctx, place, s, 0 * q, 0 * q)
-        return q + self.rest(xp, ctx, place, theta, torque), v
+        torque, hold, _ = self._torque(xp, ctx, place, s, 0 * q, 0 * q)
+        return q + self.rest(xp, ctx, place, theta, torque, xp.maximum(hold, 0.0)), v
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
         dof = ctx.dof(place)
-        inertia = float(ctx.model.dof_armature[dof])
+        inertia = rotor_inertia(ctx.model, place.index)
         q, v = s.q[..., ctx.qadr(place)], s.v[..., dof]
         angle, speed = memory
         sub = 4
         h = s.dt / sub
         impulse = 0.0
-        direct = 0.0
         for i in range(sub):
-            twist = angle - (q + v * (i * h))
-            torque, direct = self._torque(ctx, place, s, twist, speed - v)
+            twist, slip = angle - (q + v * (i * h)), speed - v
+            torque, hold, brake = self._torque(xp, ctx, place, s, angle - q, slip)
             spring, slope, damping = self.coupling(xp, ctx, place, theta, twist)
-            passed = spring + damping * (speed - v)
+            passed = spring + damping * slip
             # linearly implicit in the motor's speed
-            accel = (torque - passed - slope * h * (speed - v)) / (inertia + h * damping + h * h * slope)
+            accel = (torque - passed - slope * h * slip - hold * h * speed) / (
+                inertia + h * (damping + brake) + h * h * (slope + hold)
+            )
             speed_next = speed + h * accel
-            transmitted = torque - inertia * accel
+            transmitted = passed + slope * h * (speed_next - v) + damping * (speed_next - speed)
             angle = angle + h * speed_next
             speed = speed_next
             impulse = impulse + transmitted / sub
+        applied = s.f if s.engine is None else s.engine
+        direct = sum(
+            float(ctx.model.actuator_gear[a, 0]) * applied[..., a]
+            for a in actuators_of_joint(ctx.model, place.index)
+        )
         return Forces(joint=impulse - direct), (angle, speed)
 
 
@@ -118,7 +135,7 @@ class JointFlexibility(Drive):
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         t = float(ctx.torque[ctx.dof(place)])
-        inertia = float(ctx.model.dof_armature[ctx.dof(place)])
+        inertia = rotor_inertia(ctx.model, place.index)
         k = max(20 * t, 10.0 * inertia)
         d = 0.2 * np.sqrt(k * inertia)
         return (
@@ -142,7 +159,7 @@ class JointFlexibility(Drive):
 
     def fades(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         """Three time constants with which the motor swings, or creeps, to its rest."""
-        inertia = float(ctx.model.dof_armature[ctx.dof(place)])
+        inertia = rotor_inertia(ctx.model, place.index)
         stiffness, damping = np.maximum(theta, 1e-12).T
         return np.maximum(6.0 * inertia / damping, 3.0 * damping / stiffness)
 
@@ -151,8 +168,8 @@ class JointFlexibility(Drive):
     ) -> tuple[Array, Array, Array]:
         return theta[..., 0] * twist, theta[..., 0], theta[..., 1]
 
-    def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array) -> Array:
-        return torque / theta[..., 0]
+    def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array, hold: Array) -> Array:
+        return torque / (theta[..., 0] + hold)
 
 
 @register
@@ -173,7 +190,7 @@ class Backlash(Drive):
 
     def _stiffness(self, ctx: Context, place: Place) -> tuple[float, float]:
         """Contact as stiff as the timestep allows for the motor's inertia, near-critically damped."""
-        inertia = float(ctx.model.dof_armature[ctx.dof(place)])
+        inertia = rotor_inertia(ctx.model, place.index)
         rate = 0.25 / float(ctx.model.opt.timestep)
         return inertia * rate**2, 1.4 * inertia * rate
 
@@ -186,5 +203,10 @@ class Backlash(Drive):
         touching = xp.where(xp.abs(twist) > half, 1.0, 0.0)
         return k * past, k * touching, d * touching
 
-    def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array) -> Array:
-        return xp.sign(torque) * 0.5 * theta[..., 0] + torque / self._stiffness(ctx, place)[0]
+    def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array, hold: Array) -> Array:
+        # a servo may hold the motor inside the gap
+        half, side = 0.5 * theta[..., 0], xp.sign(torque)
+        past = torque - side * hold * half
+        inside = torque / xp.maximum(hold, 1e-12)
+        beyond = side * half + past / (self._stiffness(ctx, place)[0] + hold)
+        return xp.where(xp.abs(torque) < hold * half, inside, beyond)

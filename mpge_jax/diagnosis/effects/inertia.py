@@ -63,6 +63,11 @@ def add_point_mass(
 class _Inertial(Effect):
     set_const = True
 
+    def _compensated(self, f: Fields, ctx: Context, body: int, share: Array) -> None:
+        """Let a machine's compensation of gravity know the nominal mass of a body only, `share` of the present one."""
+        if ctx.model.body_gravcomp[body] != 0:
+            f.scale("body_gravcomp", (body,), share)
+
     def _shape(self, ctx: Context, place: Place) -> tuple[np.ndarray, float]:
         """Centre of mass in the body's frame and a size (m) of the body."""
         m, b = ctx.model, place.index
@@ -79,7 +84,7 @@ class PayloadMass(_Inertial):
     id, kinds = "payload_mass", ("body",)
     equation = "a point mass at a position in the body's frame"
     says = "{at} carries {mass} more than the model says, at {position} in its own frame."
-    fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
+    fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat", "body_gravcomp")
     remedy = "hold still in several poses, then move fast in two of them"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -96,10 +101,12 @@ class PayloadMass(_Inertial):
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         b = (place.index,)
-        mass, ipos, inertia, iquat = (f.get(name, b) for name in self.fields)
+        names = self.fields[:4]
+        mass, ipos, inertia, iquat = (f.get(name, b) for name in names)
         new = add_point_mass(f.xp, mass, ipos, inertia, iquat, theta[..., 0], theta[..., 1:4])
-        for name, value in zip(self.fields, new, strict=True):
+        for name, value in zip(names, new, strict=True):
             f.set(name, b, value)
+        self._compensated(f, ctx, place.index, mass / new[0])
 
 
 @register
@@ -107,7 +114,7 @@ class MassScale(_Inertial):
     id, kinds, vanishes_at = "mass_scale", ("world",), 1.0
     equation = "every mass and inertia times one factor"
     says = "The whole machine has {factor} times the mass that the model says."
-    fields = ("body_mass", "body_inertia")
+    fields = ("body_mass", "body_inertia", "body_gravcomp")
     remedy = "passive motion and motion under known forces"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -119,6 +126,8 @@ class MassScale(_Inertial):
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.scale("body_mass", (slice(None),), theta[..., 0, None])
         f.scale("body_inertia", (slice(None),), theta[..., 0, None, None])
+        for body in range(1, ctx.model.nbody):
+            self._compensated(f, ctx, body, 1.0 / theta[..., 0])
 
 
 @register

@@ -64,6 +64,7 @@ def _inertial(f: SpecFields, b: int, _value: Array) -> None:
         np.array(x[b]) for x in (m.body_ipos, m.body_iquat, m.body_inertia)
     )
     body.fullinertia = np.full(6, np.nan)
+    body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
 def _let_inertials_count(spec: mujoco.MjSpec) -> None:
@@ -119,6 +120,8 @@ _WRITERS: dict[str, Callable[[SpecFields, int, Array], Any]] = {
     "actuator_biastype": _attribute("actuators", "biastype", lambda v: mujoco.mjtBias(int(v))),
     "actuator_forcerange": _attribute("actuators", "forcerange"),
     "actuator_forcelimited": _attribute("actuators", "forcelimited", int),
+    "actuator_armature": _attribute("actuators", "armature", float),
+    "body_gravcomp": _attribute("bodies", "gravcomp", float),
     "body_mass": _inertial,
     "body_ipos": _inertial,
     "body_inertia": _inertial,

@@ -24,6 +24,7 @@ class Step:
         f_free: the same before the clip to [force_low, force_high].
         f_position, f_velocity: [..., nu] derivatives of f by the actuator's length and velocity (servo gains).
         body_velocity: callable body -> [..., 3] world velocity of the body's centre of mass.
+        engine: [..., nu] f without what effects compute in the engine's place (None: all of it).
         dt: s. external: callable dof -> [...] torque of gravity and of the other links' motion on that joint.
     """
 
@@ -39,6 +40,7 @@ class Step:
     body_velocity: Callable[[int], Array]
     dt: float
     external: Callable[[int], Array] = _nothing
+    engine: Array | None = None
 
 
 @dataclass

@@ -44,7 +44,9 @@ class GravityTilt(Effect):
     remedy = "turn the base, or hold still in many poses"
 
     def places(self, ctx: Context) -> list[Place]:
-        return super().places(ctx) if np.linalg.norm(ctx.model.opt.gravity) > 0 else []
+        # the engine's compensation of gravity would follow the tilt
+        seen = np.linalg.norm(ctx.model.opt.gravity) > 0 and not ctx.model.body_gravcomp.any()
+        return super().places(ctx) if seen else []
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return tuple(Param(f"tilt_{i}", "rad", -1.5, 1.5, 0.02, prior=0.5) for i in (1, 2))
@@ -77,7 +79,7 @@ class GravityTilt(Effect):
 class ExternalForce(Effect):
     """On a body: at its centre of mass. On the world: shared by all bodies in proportion to their masses."""
 
-    id, kinds, tier, runtime = "external_force", ("body", "world"), 2, True
+    id, kinds, tier, runtime, order = "external_force", ("body", "world"), 2, True, 1
     equation = "constant force in the world's frame"
     says = "A constant outside force of {force} acts on {at}."
     tries = (0.0,)
@@ -86,7 +88,9 @@ class ExternalForce(Effect):
 
     def places(self, ctx: Context) -> list[Place]:
         bodies = default_places(ctx, "body")
-        return bodies + (default_places(ctx, "world") if len(bodies) > 1 else [])
+        # as gravity that is turned, which the engine's compensation would follow
+        shared = len(bodies) > 1 and not ctx.model.body_gravcomp.any()
+        return bodies + (default_places(ctx, "world") if shared else [])
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         f = max(ctx.weight, 1e-3)
@@ -94,8 +98,8 @@ class ExternalForce(Effect):
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         if place.kind == "world":
-            mass = float(ctx.model.body_mass[moving_bodies(ctx.model)].sum())
-            f.add("opt.gravity", (slice(None),), theta / mass)
+            mass = sum(f.get("body_mass", (b,)) for b in moving_bodies(ctx.model))
+            f.add("opt.gravity", (slice(None),), theta / f.xp.asarray(mass)[..., None])
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
