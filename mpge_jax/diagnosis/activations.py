@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.model import clipped
+from mpge_jax.diagnosis.recording import Recording
+
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.windows import Source
 
@@ -47,8 +50,9 @@ def activations(model: mujoco.MjModel, source: Source) -> Array:
         if adr < 0 or not (integrates or taus[a] > 0):
             continue
         known = None if source.activation is None else float(source.activation[adr])
-        # an integrator's start is unknown, a filter follows its command
-        start = (0.0 if integrates else float(source.command[0, a])) if known is None else known
+        # a filter follows its command
+        unknown = _began(model, a, source.recording) if integrates else float(source.command[0, a])
+        start = unknown if known is None else known
         if integrates:
             out[:, adr] = _integrated(model, a, start, commands[:, a] * steps)
         elif kinds[a] == mujoco.mjtDyn.mjDYN_MUSCLE:
@@ -56,6 +60,15 @@ def activations(model: mujoco.MjModel, source: Source) -> Array:
         else:
             out[:, adr] = _filtered(start, commands[:, a], np.exp(-steps / taus[a]))
     return out
+
+
+def _began(model: mujoco.MjModel, a: int, recording: Recording) -> float:
+    """An integrator's activation at the first row: 0 where the log began, which nobody knows better."""
+    past = recording.earlier
+    if past is None or past.ctrl is None:
+        return 0.0
+    changes = clipped(model, past.ctrl)[:-1, a] * np.diff(past.time)
+    return float(_integrated(model, a, _began(model, a, past), changes)[-1])
 
 
 def moved(model: mujoco.MjModel, a: int, changes: Array, dt: float) -> Array:

@@ -28,6 +28,7 @@ class Recording:
         ctrl: [T, nu] commands, `ctrl[t]` held from `time[t]` to `time[t+1]`, or None.
         force: [T, nu] measured scalar actuator forces (NaN where not measured) or None.
         origin: s to add to `time` for the log's own clock.
+        earlier: the same log up to the first row, where that is known.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Recording:
     force: Array | None = None
     warnings: tuple[str, ...] = field(default=(), compare=False)
     origin: float = 0.0
+    earlier: Recording | None = field(default=None, compare=False, repr=False)
 
     def known(self, key: str) -> Array:
         """The array `qvel`, `ctrl` or `force`; NaN throughout where it was not recorded."""
@@ -55,8 +57,10 @@ def rows_of(r: Recording, rows: slice, name: str) -> Recording:
     def cut(value: Array | None) -> Array | None:
         return None if value is None else value[rows]
 
+    first = rows.start or 0
     return replace(
         r,
+        earlier=rows_of(r, slice(0, first + 1), name) if first > 0 else r.earlier,
         name=name,
         time=r.time[rows],
         qpos=r.qpos[rows],

@@ -8,11 +8,14 @@ import pytest
 from machines import PENDULUM
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
+from mpge_jax.diagnosis.activations import activations
 from mpge_jax.diagnosis.calibrate import floor
 from mpge_jax.diagnosis.fit import NOTHING
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
-from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.recording import rows_of, validate
+from mpge_jax.diagnosis.states import States
+from mpge_jax.diagnosis.windows import Source
 
 FILTER = PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')
 MUSCLE = PENDULUM.replace("<motor", '<muscle lengthrange="-2 2" timeconst=".02 .05" force="3"')
@@ -101,3 +104,20 @@ def test_commands_act_later_and_in_finer_steps():
         np.testing.assert_allclose(w.later(w.dt / 8).command[k, :, 0], held - first / 800, atol=1e-9)
         fine = w.refined(2).command[k, -2 * w.steps :, 0]
         np.testing.assert_allclose(fine, np.repeat(held[w.history :], 2), atol=1e-9)
+
+
+def test_an_integrator_goes_on_where_the_log_was_cut():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="j" axis="0 1 0"/><geom size=".1"/></body></worldbody><actuator>
+        <intvelocity joint="j" kp="10" actrange="-.5 .5"/></actuator></mujoco>"""
+    )
+    time = 0.01 * np.arange(201)
+    ctrl = np.where(time < 1.2, 1.0, -1.0)[:, None]
+    whole = Recording("run", time, np.zeros((201, 1)), None, ctrl)
+    middle = rows_of(whole, slice(60, 160), "middle")
+    last = rows_of(middle, slice(40, None), "last")
+    states = States(*(np.zeros((201, 1)) for _ in range(3)), np.zeros((201, 1, 2, 2)))
+    along = activations(model, Source.build(whole, states, ctrl))[:, 0]
+    assert along.max() == 0.5 and along[-1] == pytest.approx(-0.3)
+    for r, rows in ((middle, slice(60, 160)), (last, slice(100, 160))):
+        np.testing.assert_allclose(activations(model, Source.build(r, states, r.ctrl))[:, 0], along[rows])
