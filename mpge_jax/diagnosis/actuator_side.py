@@ -12,7 +12,8 @@ import numpy as np
 from mpge_jax.diagnosis.drive_fit import Data, Log, jumps, log_of, residual, search_law, unexplained_drive
 from mpge_jax.diagnosis.drives import drive_by_force, servo_jumps
 from mpge_jax.diagnosis.effects.base import Context, Place
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, timing_error
+from mpge_jax.diagnosis.fit import timing_error
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import clipped, compile_variable, has_plain_law
 from mpge_jax.diagnosis.noise import column_noise

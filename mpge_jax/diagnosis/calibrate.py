@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.activations import activations
 from mpge_jax.diagnosis.coarse import states_as_measured
 from mpge_jax.diagnosis.drives import plain_force
 from mpge_jax.diagnosis.evidence import SEVERAL
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.model import compile_variable, has_plain_law
 from mpge_jax.diagnosis.noise import column_noise
 from mpge_jax.diagnosis.prepare import Prepared

@@ -13,7 +13,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
+from mpge_jax.diagnosis.fit import fit
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import qpos_columns
 from mpge_jax.diagnosis.recording import Recording

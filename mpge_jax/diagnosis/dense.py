@@ -11,10 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from mpge_jax.diagnosis.candidates import compatible
-from mpge_jax.diagnosis.fit import Fitted, fit
+from mpge_jax.diagnosis.fit import fit
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.scored import clearly_worse
 from mpge_jax.diagnosis.screen import ELABORATE
-from mpge_jax.diagnosis.select import NAMED, Search, clearly_worse
+from mpge_jax.diagnosis.select import NAMED, Search
 
 PLAIN = ("coulomb_friction", "armature", "viscous_damping")
 AFTER = 3

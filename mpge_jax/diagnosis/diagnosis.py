@@ -15,23 +15,19 @@ import numpy as np
 from mpge_jax.diagnosis import resume
 from mpge_jax.diagnosis.actuator_side import ActuatorSide, by_command, diagnose_actuators
 from mpge_jax.diagnosis.build_search import build_search
-from mpge_jax.diagnosis.calibrate import Floor, floor
 from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.decide import decide
 from mpge_jax.diagnosis.drives import is_servo
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.finish import final_fit, prune, refined
-from mpge_jax.diagnosis.fit import NOTHING, Fitted
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.judge import (
     FitReport,
-    Remainder,
     error_drops,
     fit_report,
-    helps,
     locate,
     note_numerics,
-    remainder,
     together,
     what_is_left,
 )
@@ -39,19 +35,11 @@ from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.prepare import Prepared, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
 from mpge_jax.diagnosis.recording import Recording, chain_transitions, from_zero, unwrapped, validate
-from mpge_jax.diagnosis.rigid import name_nearest
-from mpge_jax.diagnosis.rivals import better_rival, find_rivals
-from mpge_jax.diagnosis.search import search
-from mpge_jax.diagnosis.select import Rival, Scored, Search
+from mpge_jax.diagnosis.scored import Rival
+from mpge_jax.diagnosis.select import Search
 from mpge_jax.diagnosis.staleness import staleness
 
 Array = np.ndarray
-FEWEST = 8
-"""Windows that it takes at least to look once more."""
-REFINED = 60
-"""Windows of the reported length, at most, from which parameters are refined in the end."""
-EXCHANGES = 2
-"""Terms that may be exchanged for better ones once the whole hypothesis is known."""
 
 
 @dataclass
@@ -197,7 +185,7 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     say(
         f"{recordings} recordings, {len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows"
     )
-    found = _decide(p, s, say)
+    found = decide(p, s, say)
     say("judging what is left")
     f, shown, held, ratio = found.fit, (p, found.fit), found.held, found.noise.ratio
     corrected = bool(f.hypothesis.terms)
@@ -253,38 +241,6 @@ def _by_measured_forces(p: Prepared, plain: mujoco.MjModel) -> tuple[Prepared, A
     return p, actuators
 
 
-@dataclass(frozen=True)
-class _Decision:
-    """Effects as they are reported, with rivals by term, held-out errors, the noise's floor and what is left."""
-
-    fit: Fitted
-    rivals: dict[Term, list[Rival]]
-    held: FitReport
-    noise: Floor
-    left: Remainder | None
-
-
-def _decide(p: Prepared, s: Search, say: _Progress) -> _Decision:
-    """Search, once more in longer windows if that finds nothing, refine, and keep only what helps."""
-    c = p.config
-    f, rivals = _settle(s, *search(s))
-    noise, left = _left(p, s, f)
-    if not f.hypothesis.terms and left is None:
-        f, rivals = _look_again(p, s, say)
-        noise, left = _left(p, s, f) if f.hypothesis.terms else (noise, left)
-    # what nobody knows adds up in longer windows and pulls parameters along
-    if f.theta.size and left is None and c.report_s > c.decide_s:
-        say("refining parameters")
-        f = refined(s, f, p.windows(False, c.report_s, REFINED))
-    held = fit_report(p, f, held=True)
-    if not helps(held):
-        s.log.append(f"dropped: {f.hypothesis} predicts held-out recordings no better")
-        f, rivals = NOTHING, {}
-        held = fit_report(p, f, held=True)
-        noise, left = _left(p, s, f)
-    return _Decision(f, rivals, held, noise, left)
-
-
 def _check_windows(p: Prepared, s: Search) -> None:
     c = p.config
     report = [p.windows(held, c.report_s, 1).count for held in (False, True)]
@@ -296,36 +252,3 @@ def _check_windows(p: Prepared, s: Search) -> None:
             raise InputError(
                 f"the recordings hold only {train} training and {held} held-out windows of {length} s; record longer."
             )
-
-
-def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, Remainder | None]:
-    """What noise alone would leave if `f` were true, and what it leaves if that is more."""
-    noise = floor(p, f)
-    return noise, remainder(s, f, noise)
-
-
-def _look_again(p: Prepared, s: Search, say: _Progress) -> tuple[Fitted, dict[Term, list[Rival]]]:
-    """Search longer windows, where slight effects add up, after nothing was found in those of `s`."""
-    longer = build_search(p, say, p.config.report_s)
-    if longer.train.steps <= s.train.steps or min(longer.train.count, longer.held.count) < FEWEST:
-        return NOTHING, {}
-    say("looking for slight effects in longer windows")
-    found = _settle(longer, *search(longer))
-    s.log += longer.log
-    return found
-
-
-def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term, list[Rival]]]:
-    """The final fit with its rivals, after exchanging terms for rivals that predict clearly better."""
-    for left in reversed(range(EXCHANGES + 1)):
-        f, whites = final_fit(s, prune(s, f))
-        f = name_nearest(s.sim.ctx, f)
-        best = s.score([f], whites)[0]
-        rivals = find_rivals(s, best, whites, last)
-        better = better_rival(rivals)
-        if better is None or not left:
-            break
-        s.log.append(f"exchanged: {f.hypothesis} -> {better.fit.hypothesis}")
-        s.resume = better.fit
-        f, last = search(s)
-    return f, rivals

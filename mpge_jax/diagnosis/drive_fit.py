@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.drives import stroke
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, Step
 from mpge_jax.diagnosis.evidence import rare
-from mpge_jax.diagnosis.fit import NOTHING, Fitted
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import clipped
 from mpge_jax.diagnosis.windows import Source

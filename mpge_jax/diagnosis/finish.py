@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from mpge_jax.diagnosis.candidates import compatible
-from mpge_jax.diagnosis.fit import Fitted, fit, gauss_newton_shift, timing_error
+from mpge_jax.diagnosis.fit import fit, gauss_newton_shift, timing_error
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.screen import ELABORATE
 from mpge_jax.diagnosis.select import SIGNIFICANT, SMALL, Search

@@ -3,97 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Context, Param
-from mpge_jax.diagnosis.hypothesis import Hypothesis
+from mpge_jax.diagnosis.effects.base import Param
+from mpge_jax.diagnosis.fitted import Fitted, prior_loss, prior_widths
+from mpge_jax.diagnosis.proposals import Problem, beyond, proposals, without_slopes
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.whiten import Whitener, robust_loss
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
-FURTHER = (3.0, 8.0)
-"""Lengths of the further steps that are tried in machines with contacts, in units of the proposed one."""
-STEEP = 0.25
-"""Quantile of the windows' slopes (squared) as which steeper ones count, there."""
-
-
-def _nothing() -> Array:
-    return np.zeros((0, 0))
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A hypothesis with its parameters.
-
-    Attributes:
-        theta: [p]. centre: [p] centre of the weak prior. loss: mean robust loss over windows, prior included.
-        information: [p, p] of the data. cov: [p, p] covariance of theta that allows for misfit.
-        x: [W] relative chi^2 of each window.
-    """
-
-    hypothesis: Hypothesis
-    theta: Array
-    centre: Array
-    loss: float = np.inf
-    information: Array = field(default_factory=_nothing)
-    cov: Array = field(default_factory=_nothing)
-    x: Array = field(default_factory=lambda: np.zeros(0))
-
-    def directions(self, ctx: Context) -> int:
-        """Number of parameter combinations that the data identify better than their prior does."""
-        if not self.information.size or not self.theta.size:
-            return 0
-        scale = prior_widths(self.hypothesis.params(ctx))
-        values = np.linalg.eigvalsh(self.information * scale[:, None] * scale[None, :])
-        return int((values > 16.0).sum())
-
-
-NOTHING = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
-"""The nominal model."""
-
-
-def prior_widths(params: list[Param]) -> Array:
-    return np.array([p.prior or 30.0 * p.scale for p in params])
-
-
-def _bounds(params: list[Param]) -> tuple[Array, Array]:
-    return np.array([p.low for p in params]), np.array([p.high for p in params])
-
-
-@dataclass
-class _Problem:
-    """One hypothesis during the fit.
-
-    Attributes:
-        offset: [W, N, 2 nv] residuals less those of semi-implicit steps, where those stand for costly ones.
-    """
-
-    fit: Fitted
-    params: list[Param]
-    damping: float = 1e-3
-    whitened: Array = field(default_factory=_nothing)
-    jacobian: Array = field(default_factory=_nothing)
-    offset: Array = field(default_factory=_nothing)
-    done: bool = False
-    small: int = 0
-
-    def steps(self) -> Array:
-        """Finite-difference steps [p] that stay inside the bounds."""
-        _, high = _bounds(self.params)
-        scale = np.array([p.scale for p in self.params])
-        theta = self.fit.theta
-        h = 0.02 * scale + 1e-4 * np.abs(theta)
-        return np.where(theta + h > high, -h, h)
-
-
-def prior_loss(params: list[Param], theta: Array, centre: Array, windows: int) -> float:
-    if not params:
-        return 0.0
-    return float((((theta - centre) / prior_widths(params)) ** 2).sum()) / max(windows, 1)
 
 
 def evaluate(sim: Simulator, fits: list[Fitted], w: Windows, white: Whitener) -> list[Fitted]:
@@ -116,17 +38,17 @@ def fit(
 ) -> list[Fitted]:
     """Fit every start; returns them in order, with losses, information and covariances on `w`."""
     ctx = sim.ctx
-    problems = [_Problem(f, f.hypothesis.params(ctx)) for f in starts]
+    problems = [Problem(f, f.hypothesis.params(ctx)) for f in starts]
     _linearise(sim, problems, w, white)
     for _ in range(iterations):
         active = [p for p in problems if not p.done and p.params]
         if not active:
             break
-        trials: list[tuple[_Problem, Array]] = []
+        trials: list[tuple[Problem, Array]] = []
         for p in active:
-            steps = _proposals(p, ctx)
+            steps = proposals(p, ctx)
             steps += [x for t in steps[:1] for x in beyond(p, t, ctx)]
-            trials += [(p, t) for t in [*steps, *_without_slopes(p, ctx)]]
+            trials += [(p, t) for t in [*steps, *without_slopes(p, ctx)]]
         best_of = {id(p): p.fit for p in active}
         for (p, t), r in zip(trials, _near(sim, trials, w), strict=True):
             found = _judged(p, t, r, w, white)
@@ -156,7 +78,7 @@ def fit(
     return [_finish(p) for p in problems]
 
 
-def _near(sim: Simulator, trials: list[tuple[_Problem, Array]], w: Windows) -> Iterator[Array]:
+def _near(sim: Simulator, trials: list[tuple[Problem, Array]], w: Windows) -> Iterator[Array]:
     """Residuals [W, N, 2 nv] of each trial, told from the point where its problem stands."""
     runs = [Run(p.fit.hypothesis, t) for p, t in trials]
     if not sim.costly(w):
@@ -168,83 +90,14 @@ def _near(sim: Simulator, trials: list[tuple[_Problem, Array]], w: Windows) -> I
         yield r + p.offset
 
 
-def _judged(p: _Problem, theta: Array, residual: Array, w: Windows, white: Whitener) -> Fitted:
+def _judged(p: Problem, theta: Array, residual: Array, w: Windows, white: Whitener) -> Fitted:
     """The problem's fit at other parameters, with its loss."""
     x = white.excess(white(residual))
     loss = float(robust_loss(x).mean()) + prior_loss(p.params, theta, p.fit.centre, w.count)
     return replace(p.fit, theta=theta, loss=loss, x=x)
 
 
-def _proposals(p: _Problem, ctx: Context) -> list[Array]:
-    """A full and a strongly damped step, inside the bounds; with contacts, also a full one that no few windows decide.
-
-    Through impacts slopes are steep and hold over next to nothing: windows with many would let no step be taken.
-    """
-    weight = 1.0 / (1.0 + p.fit.x / 5.0)
-    out = [_step(p, weight, damping) for damping in (p.damping, 100 * p.damping + 0.3)]
-    if ctx.contacts:
-        size = np.einsum("pwm,pwm,p->w", p.jacobian, p.jacobian, prior_widths(p.params) ** 2, optimize=True)
-        if (size > 0).any():
-            cap = np.quantile(size[size > 0], STEEP, method="lower")
-            out.append(_step(p, weight * np.minimum(1.0, cap / np.maximum(size, 1e-300)), p.damping))
-    return [theta for theta in out if np.isfinite(theta).all()]
-
-
-def _step(p: _Problem, weight: Array, damping: float) -> Array:
-    """The damped Gauss-Newton step from where `p` stands, with `weight` [W], inside the bounds: theta [p]."""
-    low, high = _bounds(p.params)
-    widths = prior_widths(p.params)
-    j, r = p.jacobian, p.whitened
-    h = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)
-    g = np.einsum("w,pwm,wm->p", weight, j, r, optimize=True)
-    # the loss divides by the number of compared values, so its prior counts that often
-    per = float(np.mean((j.shape[-1],)))
-    h = h + np.diag(per / widths**2)
-    g = g + per * (p.fit.theta - p.fit.centre) / widths**2
-    diagonal = np.diag(h).copy()
-    diagonal[diagonal <= 0] = 1e-30
-    free = np.ones(len(p.params), bool)
-    theta = p.fit.theta
-    for _ in range(3):
-        index = np.flatnonzero(free)
-        if not index.size:
-            break
-        a = h[np.ix_(index, index)] + damping * np.diag(diagonal[index])
-        scale = 1.0 / np.sqrt(np.diag(a))
-        solution = (
-            np.linalg.lstsq(a * scale[:, None] * scale[None, :], g[index] * scale, rcond=1e-12)[0] * scale
-        )
-        trial = p.fit.theta.copy()
-        trial[index] -= solution
-        clipped = np.clip(trial, low, high)
-        blocked = (clipped != trial) & ((p.fit.theta == low) | (p.fit.theta == high)) & free
-        theta = clipped
-        if not blocked.any():
-            break
-        free &= ~blocked
-    return theta
-
-
-def beyond(p: _Problem, theta: Array, ctx: Context) -> list[Array]:
-    """Further points in the direction of a proposal, where contacts make the linear model a short-sighted one: a few
-    windows with impacts have slopes so steep that they alone set the length of the step."""
-    low, high = _bounds(p.params)
-    return [np.clip(p.fit.theta + k * (theta - p.fit.theta), low, high) for k in FURTHER if ctx.contacts]
-
-
-def _without_slopes(p: _Problem, ctx: Context) -> list[Array]:
-    """Proposals of the effects themselves, for parameters along which slopes say little."""
-    low, high = _bounds(p.params)
-    out = []
-    for term, part in zip(p.fit.hypothesis.terms, p.fit.hypothesis.slices(ctx), strict=True):
-        for other in term.effect.detours(ctx, term.place, p.fit.theta[part]):
-            theta = p.fit.theta.copy()
-            theta[part] = other
-            out.append(np.clip(theta, low, high))
-    return out
-
-
-def _linearise(sim: Simulator, problems: list[_Problem], w: Windows, white: Whitener) -> None:
+def _linearise(sim: Simulator, problems: list[Problem], w: Windows, white: Whitener) -> None:
     """Residuals and Jacobians [p, W, M] at the present parameters, all in one batch."""
     runs: list[Run] = []
     layout: list[tuple[int, Array]] = []
@@ -276,7 +129,7 @@ def _linearise(sim: Simulator, problems: list[_Problem], w: Windows, white: Whit
         p.fit = replace(p.fit, x=x, loss=loss)
 
 
-def _finish(p: _Problem) -> Fitted:
+def _finish(p: Problem) -> Fitted:
     """Information, and a covariance that is robust to misfit (clustered by window)."""
     if not p.params or not p.jacobian.size:
         return replace(p.fit, information=np.zeros((0, 0)), cov=np.zeros((0, 0)))
@@ -316,7 +169,7 @@ def _jackknife(precision: Array, parts: Array, scores: Array, scale: Array) -> A
 
 def gauss_newton_shift(sim: Simulator, f: Fitted, w: Windows, white: Whitener, moved: Array) -> Array:
     """Change of theta [p] when the whitened residuals [W, M] at `f` become `moved`, to first order."""
-    p = _Problem(f, f.hypothesis.params(sim.ctx))
+    p = Problem(f, f.hypothesis.params(sim.ctx))
     _linearise(sim, [p], w, white)
     weight = 1.0 / (1.0 + p.fit.x / 5.0)
     j = p.jacobian

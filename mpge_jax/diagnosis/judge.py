@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from mpge_jax.diagnosis.calibrate import Floor
-from mpge_jax.diagnosis.fit import NOTHING, Fitted
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.remainder import describe
-from mpge_jax.diagnosis.select import Scored, Search
+from mpge_jax.diagnosis.scored import Scored
+from mpge_jax.diagnosis.select import Search
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.verdict import LEFT, Errors, active_dofs, errors, excess_by_dof, noise_floor
 from mpge_jax.diagnosis.whiten import NUISANCE, Whitener, column_scale, numerics, whitener

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Place
-from mpge_jax.diagnosis.fit import NOTHING
+from mpge_jax.diagnosis.fitted import NOTHING
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import floating_base_joints, moments
 from mpge_jax.diagnosis.parameters import candidates_of

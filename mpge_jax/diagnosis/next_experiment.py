@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mpge_jax import files
-from mpge_jax.diagnosis.fit import Fitted, prior_widths
+from mpge_jax.diagnosis.fitted import Fitted, prior_widths
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_scalar
 from mpge_jax.diagnosis.recording import Recording

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mpge_jax import files
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.force_errors import force_errors, motion_is_given
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.locate import locate

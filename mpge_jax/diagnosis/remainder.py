@@ -11,7 +11,8 @@ from mpge_jax.diagnosis.verdict import active_dofs, excess_by_dof
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.prepare import Prepared
-    from mpge_jax.diagnosis.select import Scored, Search
+    from mpge_jax.diagnosis.scored import Scored
+    from mpge_jax.diagnosis.select import Search
     from mpge_jax.diagnosis.whiten import Whitener
 
 Array = np.ndarray

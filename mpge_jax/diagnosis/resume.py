@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.select import Search

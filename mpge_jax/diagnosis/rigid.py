@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Context, Place
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import moving_bodies
 

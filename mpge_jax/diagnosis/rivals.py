@@ -5,20 +5,13 @@ from __future__ import annotations
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.evidence import EVIDENCE, standard_error
-from mpge_jax.diagnosis.fit import Fitted, evaluate, fit
+from mpge_jax.diagnosis.fit import evaluate, fit
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import is_joint_transmission
 from mpge_jax.diagnosis.rigid import same_body
-from mpge_jax.diagnosis.select import (
-    KEEP_OF_MANY,
-    SIGNIFICANT,
-    TIE,
-    Rival,
-    Scored,
-    Search,
-    hopeful,
-    misses,
-)
+from mpge_jax.diagnosis.scored import TIE, Rival, Scored, hopeful, misses
+from mpge_jax.diagnosis.select import KEEP_OF_MANY, SIGNIFICANT, Search
 from mpge_jax.diagnosis.whiten import Whitener
 
 SPECIAL_CASES = {

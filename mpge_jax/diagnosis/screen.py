@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Context, Place
-from mpge_jax.diagnosis.fit import Fitted, _Problem, _proposals, beyond, prior_loss
+from mpge_jax.diagnosis.fitted import Fitted, prior_loss
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.proposals import Problem, beyond, proposals
 from mpge_jax.diagnosis.simulate import Near, Run, Simulator
 from mpge_jax.diagnosis.whiten import Whitener, robust_loss
 from mpge_jax.diagnosis.windows import Windows
@@ -107,7 +108,7 @@ def _quick_fits(
         k += n
         p.jacobian = jacobian
         if p.params:
-            steps_to = _proposals(p, ctx)
+            steps_to = proposals(p, ctx)
             promise = min((_promise(p, t, w, white) for t in steps_to), default=np.inf)
             promised.setdefault(term, []).append((promise, index, steps_to))
         p.jacobian = np.zeros((0, 0))
@@ -142,7 +143,7 @@ def _starting_points(
     white: Whitener,
     before: float,
     dry: dict[Place, float],
-) -> list[tuple[Term, _Problem]]:
+) -> list[tuple[Term, Problem]]:
     """Every start of every term, simulated, at the torque of plain dry friction (`dry`) if that is known.
 
     A start that is worse than nothing, as its scale was guessed too large, gives way to one nearer to where the
@@ -150,16 +151,16 @@ def _starting_points(
     """
     ctx = near.sim.ctx
     parts = base.hypothesis.split(ctx, base.theta)
-    problems: list[tuple[Term, _Problem]] = []
+    problems: list[tuple[Term, Problem]] = []
     for term in terms:
         hypothesis = base.hypothesis.with_term(term)
         for start in _at_torque(term.effect.starts(ctx, term.place), term, ctx, dry.get(term.place, 0.0)):
             theta = hypothesis.gather(ctx, {**parts, term: start})
-            problems.append((term, _Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
+            problems.append((term, Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
     _simulate([p for _, p in problems], near, white)
     first = [p.fit.theta for _, p in problems]
     for times in range(1, (NEARER_TIMES if ctx.contacts else 1) + 1):
-        smaller: list[tuple[_Problem, _Problem]] = []
+        smaller: list[tuple[Problem, Problem]] = []
         for (term, p), start in zip(problems, first, strict=True):
             naming = term.effect.naming(ctx, term.place)
             if p.fit.loss < before + PROMISING * min(before, 3.0) or not naming:
@@ -167,7 +168,7 @@ def _starting_points(
             part = _slice(ctx, p.fit.hypothesis, term)
             null, theta = term.effect.null(ctx, term.place), start.copy()
             theta[part][naming] = null[naming] + NEARER**times * (start[part][naming] - null[naming])
-            smaller.append((p, _Problem(Fitted(p.fit.hypothesis, theta, theta.copy()), p.params)))
+            smaller.append((p, Problem(Fitted(p.fit.hypothesis, theta, theta.copy()), p.params)))
         _simulate([q for _, q in smaller], near, white)
         for p, q in smaller:
             if q.fit.loss < p.fit.loss:
@@ -183,14 +184,14 @@ def _at_torque(starts: Array, term: Term, ctx: Context, dry: float) -> Array:
     return np.where(torque, starts * dry / term.params(ctx)[0].scale, starts)
 
 
-def _simulate(problems: list[_Problem], near: Near, white: Whitener) -> None:
+def _simulate(problems: list[Problem], near: Near, white: Whitener) -> None:
     flat = _whitened(near, [Run(p.fit.hypothesis, p.fit.theta) for p in problems], white)
     for p, r in zip(problems, flat, strict=True):
         x = white.excess(r)
         p.whitened, p.fit = r, replace(p.fit, x=x, loss=float(robust_loss(x).mean()))
 
 
-def _promise(p: _Problem, theta: Array, w: Windows, white: Whitener) -> float:
+def _promise(p: Problem, theta: Array, w: Windows, white: Whitener) -> float:
     """The loss at `theta` if the prediction were linear."""
     moved = p.whitened + np.tensordot((theta - p.fit.theta).astype(np.float32), p.jacobian, 1)
     loss = float(robust_loss(white.excess(moved)).mean())
@@ -208,7 +209,7 @@ def _whitened(near: Near, runs: list[Run], white: Whitener) -> Array:
 def _base_jacobian(near: Near, base: Fitted, white: Whitener) -> dict[Term, Array]:
     if not base.theta.size:
         return {}
-    p = _Problem(base, base.hypothesis.params(near.sim.ctx))
+    p = Problem(base, base.hypothesis.params(near.sim.ctx))
     steps = p.steps()
     runs = [Run(base.hypothesis, base.theta)]
     for i, h in enumerate(steps):

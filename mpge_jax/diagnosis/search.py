@@ -6,9 +6,11 @@ import time
 
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.dense import AFTER, everywhere
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
+from mpge_jax.diagnosis.fit import fit
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis
-from mpge_jax.diagnosis.select import Scored, Search, with_simpler
+from mpge_jax.diagnosis.scored import Scored, with_simpler
+from mpge_jax.diagnosis.select import Search
 
 FAR = 2.5
 """Loss above which the second effect is looked for beside several first ones."""

@@ -10,11 +10,13 @@ from scipy.stats import chi2, norm
 
 from mpge_jax.diagnosis.calibrate import Floor
 from mpge_jax.diagnosis.candidates import compatible
-from mpge_jax.diagnosis.evidence import EVIDENCE, SEVERAL, deviations, rare, stand_out, standard_error, strong
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, evaluate, fit
+from mpge_jax.diagnosis.evidence import EVIDENCE, SEVERAL, deviations, stand_out, strong
+from mpge_jax.diagnosis.fit import evaluate, fit
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.rigid import one_of_each
-from mpge_jax.diagnosis.screen import ELABORATE, screen
+from mpge_jax.diagnosis.scored import Scored, clearly_worse, hopeful, misses, with_simpler
+from mpge_jax.diagnosis.screen import screen
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.states import Noise
 from mpge_jax.diagnosis.telling import screen_windows
@@ -24,8 +26,6 @@ from mpge_jax.diagnosis.windows import Windows
 Array = np.ndarray
 KEEP = 7
 """Candidates that are fitted properly after screening."""
-FEW = 3
-"""Candidates that are fitted further however far they lag behind the best."""
 MANY, KEEP_OF_MANY = 5, 3
 """Terms beyond which a further one competes with fewer others: the cost of a fit grows with the square of the terms,
 and little is left for them to explain."""
@@ -33,8 +33,6 @@ WORK = 2e8
 """Work of the simulator (about two minutes of one core) after which that holds from two terms on."""
 HOPELESS = 0.06
 """Share of the loss that a second effect must take away in screening to be looked at further."""
-TIE = 0.03
-"""Differences of relative loss below this are ties, whatever their standard error."""
 SIGNIFICANT = 3.0
 """Standard errors by which an effect must improve windows that it was not fitted to."""
 SMALL = 0.02
@@ -50,45 +48,6 @@ NAMED = 4.0
 STEPS = 0.75
 """Timesteps that a delay or time constant lasts at least, unless it halves the loss: a semi-implicit step acts half a
 step early, which another integrator or a finer timestep behind the recordings does not."""
-
-
-@dataclass
-class Scored:
-    """A fit with its loss on every window, training windows first. factor: by which the whiteners were tempered."""
-
-    fit: Fitted
-    train: Array
-    held: Array
-    directions: int
-    tier: int
-    factor: float = 1.0
-
-    @property
-    def losses(self) -> Array:
-        return np.concatenate([self.train, self.held])
-
-    @property
-    def complexity(self) -> tuple[float, ...]:
-        return (self.directions + 0.75 * self.tier, self.fit.theta.size)
-
-
-@dataclass
-class Rival:
-    """An alternative to one term: the losses tell by how much it is worse.
-
-    Attributes:
-        term: what replaces it. fit: the whole hypothesis with it. margin, error: mean difference of the losses and
-        its standard error. tied: whether the data cannot tell the two apart. better: whether it predicts clearly
-        better than the term.
-    """
-
-    term: Term
-    fit: Fitted
-    margin: float
-    error: float
-    why_not: str
-    tied: bool = False
-    better: bool = False
 
 
 @dataclass
@@ -301,37 +260,3 @@ class Search:
             alike = norm.isf(0.5 * chi2.sf(max(together, 0.0), len(z)))
             out[term] = max(float(np.abs(z).max()), float(alike))
         return out
-
-
-def hopeful(fits: list[Fitted], before: float) -> list[Fitted]:
-    """Fits that take away at least half as much of the loss `before` them as the best does, and the best few; best
-    first."""
-    ranked = sorted(fits, key=lambda f: f.loss)
-    limit = 0.5 * (before + ranked[0].loss) if ranked else before
-    return [f for i, f in enumerate(ranked) if i < FEW or f.loss < limit]
-
-
-def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
-    """The best `keep`, and the plain form of every elaborate friction among them."""
-    top = screened[:keep]
-    chosen = {f.hypothesis for f in top}
-    plain = ("coulomb_friction", "viscous_damping")
-    places = {t.place for f in top for t in f.hypothesis.terms if t.id in ELABORATE}
-    for f in screened[keep:]:
-        if f.hypothesis not in chosen and any(
-            t.id in plain and t.place in places for t in f.hypothesis.terms
-        ):
-            top.append(f)
-    return top
-
-
-def clearly_worse(a: Scored, best: Scored) -> bool:
-    """Whether `a` loses to the best by more than two standard errors (paired by window) and more than a tie, or misses
-    what acts rarely."""
-    d = a.losses - best.losses
-    return bool(d.mean() > max(2.0 * standard_error(d), TIE)) or misses(a, best)
-
-
-def misses(a: Scored, best: Scored) -> bool:
-    """Whether `a` leaves what acts rarely and `best` explains."""
-    return best.factor == 1.0 and rare(a.losses, best.losses, best.train.size)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mpge_jax.diagnosis.fit import NOTHING
+from mpge_jax.diagnosis.fitted import NOTHING
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.verdict import excess_by_dof
 from mpge_jax.diagnosis.whiten import whitener

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.model import floating_base_joints
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.whiten import Whitener

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.force_errors import force_errors, motion_is_given
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_joint_transmission

@@ -19,7 +19,7 @@ from experiments.diagnose import main
 from mpge_jax.diagnosis import Config, InputError, Recording, diagnose, outputs
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.export import write_models
-from mpge_jax.diagnosis.fit import NOTHING
+from mpge_jax.diagnosis.fitted import NOTHING
 from mpge_jax.diagnosis.model import load_spec
 
 EFFECTS = ["coulomb_friction", "viscous_damping", "actuator_gain"]
@@ -308,6 +308,7 @@ def test_nothing_is_found_where_nothing_is_missing():
 
 
 def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatch, capsys):
+    import mpge_jax.diagnosis.decide as decisions
     import mpge_jax.diagnosis.diagnosis as whole
 
     out = tmp_path / "out"
@@ -318,7 +319,7 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatc
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(whole, "find_rivals", interrupt)
+        patch.setattr(decisions, "find_rivals", interrupt)
         assert main(arguments) == 130
     assert "go on" in capsys.readouterr().err
     kept = json.loads((out / ".progress.json").read_text())

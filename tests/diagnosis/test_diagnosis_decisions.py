@@ -18,16 +18,18 @@ from mpge_jax.diagnosis.coarse import is_coarse
 from mpge_jax.diagnosis.effects.base import Param, Place
 from mpge_jax.diagnosis.evidence import deviations, rare, stand_out, strong
 from mpge_jax.diagnosis.finish import final_fit, prune, refined
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, _jackknife, _Problem, beyond, evaluate, fit, timing_error
+from mpge_jax.diagnosis.fit import _jackknife, evaluate, fit, timing_error
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.judge import fit_report, helps
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare, with_drives
+from mpge_jax.diagnosis.proposals import Problem, beyond
 from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
+from mpge_jax.diagnosis.scored import Scored, clearly_worse
 from mpge_jax.diagnosis.screen import ELABORATE, screen
 from mpge_jax.diagnosis.search import search
-from mpge_jax.diagnosis.select import Scored, clearly_worse
 from mpge_jax.diagnosis.simulate import Near, Run
 from mpge_jax.diagnosis.states import estimate
 from mpge_jax.diagnosis.telling import telling_windows
@@ -139,7 +141,7 @@ def test_steps_are_stretched_where_there_are_contacts_alone(sliding, rubbing):
     (s, _), (smooth, _) = sliding, rubbing
     term = next(t for t in s.terms if t.id == "viscous_damping")
     start = fitted(s, {term: [1.0]})
-    problem = _Problem(start, term.params(s.sim.ctx))
+    problem = Problem(start, term.params(s.sim.ctx))
     high = problem.params[0].high
     found = beyond(problem, np.array([1.5]), s.sim.ctx)
     np.testing.assert_allclose(np.ravel(found), np.minimum([2.5, 5.0], high))

@@ -8,7 +8,7 @@ from machines import ARM, record
 from mpge_jax.diagnosis import Config
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.dense import everywhere
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare

@@ -13,7 +13,7 @@ from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis.calibrate import floor
 from mpge_jax.diagnosis.drive_fit import PAUSE, log_of
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.fit import NOTHING
+from mpge_jax.diagnosis.fitted import NOTHING
 from mpge_jax.diagnosis.mapping import apply
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.next_experiment import _windows

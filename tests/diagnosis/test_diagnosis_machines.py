@@ -10,7 +10,8 @@ import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.build_search import build_search
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
+from mpge_jax.diagnosis.fit import fit
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.parameters import candidates_of

@@ -13,7 +13,8 @@ from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
 from mpge_jax.diagnosis.drives import plain_force, servo_jumps
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, fit
+from mpge_jax.diagnosis.fit import fit
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import Prepared, prepare, with_drives

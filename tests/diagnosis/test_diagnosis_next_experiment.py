@@ -10,7 +10,8 @@ import pytest
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis.effects.base import REGISTRY
-from mpge_jax.diagnosis.fit import Fitted, fit
+from mpge_jax.diagnosis.fit import fit
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.next_experiment import command_range, design

@@ -10,13 +10,13 @@ from machines import PENDULUM
 from mpge_jax.diagnosis.actuator_side import ActuatorSide
 from mpge_jax.diagnosis.effects.base import Place, nominal_context
 from mpge_jax.diagnosis.export import corrected_spec
-from mpge_jax.diagnosis.fit import NOTHING, Fitted
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable
 from mpge_jax.diagnosis.outputs import effects_table
 from mpge_jax.diagnosis.report import _drives, _interval
 from mpge_jax.diagnosis.rivals import _one_each
-from mpge_jax.diagnosis.select import Rival
+from mpge_jax.diagnosis.scored import Rival
 from mpge_jax.diagnosis.summary import window_errors
 from mpge_jax.diagnosis.words import explanation, quantity
 

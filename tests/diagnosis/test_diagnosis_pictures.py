@@ -12,7 +12,7 @@ from machines import ARM, BOX, PENDULUM
 
 from mpge_jax.diagnosis import figures, robot_picture, robot_render
 from mpge_jax.diagnosis.effects.base import Place
-from mpge_jax.diagnosis.fit import Fitted
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.marks import Mark, find
 from mpge_jax.diagnosis.model import compile_variable, names_of

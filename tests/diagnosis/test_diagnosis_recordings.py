@@ -261,7 +261,7 @@ def test_models_with_meshes_beside_their_folder_can_be_written(tmp_path):
     from types import SimpleNamespace
 
     from mpge_jax.diagnosis.export import write_models
-    from mpge_jax.diagnosis.fit import NOTHING
+    from mpge_jax.diagnosis.fitted import NOTHING
 
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "a.obj").write_text(TETRAHEDRON)

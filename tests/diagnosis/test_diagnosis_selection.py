@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import floor
 from mpge_jax.diagnosis.effects.base import REGISTRY, Effect, Place, nominal_context
 from mpge_jax.diagnosis.finish import final_fit
-from mpge_jax.diagnosis.fit import NOTHING, Fitted
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.judge import note_numerics
 from mpge_jax.diagnosis.model import compile_variable, names_of

@@ -16,10 +16,11 @@ from mpge_jax.diagnosis.context import _beside_contacts
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place
 from mpge_jax.diagnosis.effects.drive import JointFlexibility
-from mpge_jax.diagnosis.fit import NOTHING, Fitted, _Problem, _proposals
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
+from mpge_jax.diagnosis.proposals import Problem, proposals
 from mpge_jax.diagnosis.recording import rows_of, validate
 from mpge_jax.diagnosis.screen import screen
 from mpge_jax.diagnosis.select import NAMED, Search
@@ -230,17 +231,17 @@ def test_windows_with_steep_slopes_do_not_hold_a_step_back():
     """Three calm windows want the parameter to be 2, seven steep ones nothing but to stay."""
     s = _search(BOX, record(BOX, 6.0, seconds=0.6))
     term = next(t for t in s.terms if t.id == "actuator_gain")
-    p = _Problem(_known(s, term, [1.0]), term.params(s.sim.ctx))
+    p = Problem(_known(s, term, [1.0]), term.params(s.sim.ctx))
     slopes = np.array([1.0] * 3 + [300.0] * 7) * 1e3
     p.jacobian = slopes[None, :, None] * np.ones((1, 10, 4))
     p.whitened = np.where(slopes > 2e3, 0.0, -slopes)[:, None] * np.ones((10, 4))
     p.fit = dataclasses.replace(p.fit, x=np.zeros(10))
     assert s.sim.ctx.contacts
-    full, damped, calm = (float(theta[0]) for theta in _proposals(p, s.sim.ctx))
+    full, damped, calm = (float(theta[0]) for theta in proposals(p, s.sim.ctx))
     assert damped < full < 1.001
     # every window weighs as a calm one
     assert calm == pytest.approx(1.3, abs=0.01)
-    without = _proposals(p, dataclasses.replace(s.sim.ctx, contacts=()))
+    without = proposals(p, dataclasses.replace(s.sim.ctx, contacts=()))
     assert [float(theta[0]) for theta in without] == [full, damped]
 
 

@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.contacts import allowed_pairs
 from mpge_jax.diagnosis.drives import drive_by_force
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
 from mpge_jax.diagnosis.export import _text
-from mpge_jax.diagnosis.fit import NOTHING, Fitted
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.prepare import Prepared, prepare

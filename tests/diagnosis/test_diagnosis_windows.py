@@ -10,7 +10,7 @@ from machines import PENDULUM
 from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis.activations import activations
 from mpge_jax.diagnosis.calibrate import floor
-from mpge_jax.diagnosis.fit import NOTHING
+from mpge_jax.diagnosis.fitted import NOTHING
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.recording import rows_of, validate
