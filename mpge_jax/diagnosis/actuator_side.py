@@ -32,7 +32,8 @@ class ActuatorSide:
 
     Attributes:
         effects: entries of `diagnosis.json`. table: entries of `effects.json`. errors: actuator -> held-out rms
-        force error (before, after). left: entries of what no law explains.
+        force error (before, after). excess: actuator -> squared error as given over that of the noise. left: entries of
+        what no law explains.
     """
 
     ctx: Context
@@ -41,6 +42,7 @@ class ActuatorSide:
     table: list[dict[str, Any]] = field(default_factory=list)
     sentences: list[str] = field(default_factory=list)
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
+    excess: dict[str, float] = field(default_factory=dict)
     left: list[dict[str, Any]] = field(default_factory=list)
 
     def between_rows(
@@ -133,6 +135,7 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         after = residual(nominal, ctx, f, int(a), data.held, data) * sigma
         rms = (float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2))))
         out.errors[place.name] = rms
+        out.excess[place.name] = (rms[0] / sigma) ** 2
         left = unexplained_drive(nominal, ctx, f, int(a), data)
         if left is not None:
             out.left.append({**left, "at": [place.name]})
@@ -161,8 +164,13 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
             from mpge_jax.diagnosis.words import quantity
 
             shown = {k: quantity(v) for k, v in reported.items()}
-            out.sentences.append("Between command and measured force: " + term.effect.sentence(place, shown))
+            out.sentences.append(_between(term.effect.sentence(place, shown)))
     return out
+
+
+def _between(text: str) -> str:
+    lower = text[0].lower() + text[1:] if text.startswith(("The ", "A ")) else text
+    return f"Between command and measured force, {lower}"
 
 
 def _value(value: Any) -> Any:

@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.model import is_scalar
 from mpge_jax.diagnosis.parameters import candidates_of
 from mpge_jax.diagnosis.robot_picture import robot
 from mpge_jax.diagnosis.rotations import difference
-from mpge_jax.diagnosis.words import error_unit
+from mpge_jax.diagnosis.words import error_unit, unit_of_joint
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis, FitReport
@@ -86,7 +86,8 @@ def prediction(d: Diagnosis, path: Path) -> Path:
                 name = _name(w.sources[w.source[k]].recording.name, 30)
                 ax.set_title(f"{name}, {w.start[k]:.2f} s", fontsize=9)
             if j == 0:
-                ax.set_ylabel(_name(d.prepared.names.joints[joint], 18) + _axis(model, dof))
+                unit = unit_of_joint(d, f"{d.prepared.names.joints[joint]}:{dof}")
+                ax.set_ylabel(f"{_name(d.prepared.names.joints[joint], 18)}{_axis(model, dof)} ({unit})")
             if i == len(dofs) - 1:
                 ax.set_xlabel("time in window (s)")
             ax.grid(alpha=0.25)
@@ -145,7 +146,9 @@ def errors_by_joint(d: Diagnosis, path: Path) -> Path:
     """Held-out prediction error of every joint."""
     dofs = _dofs(d, 16)
     names = [d.prepared.names.joint_of_dof(d.prepared.model, k) for k in dofs]
-    what = f"held-out prediction error (rms, {d.held.windows.times.max():.2g} s ahead)"
+    what = (
+        f"held-out prediction error ({error_unit(d)}, rms over windows of {d.held.windows.times.max():.2g} s)"
+    )
     return _bars(names, d.held.before.joint[dofs], d.held.after.joint[dofs], d.held.floor, what, path)
 
 
@@ -162,7 +165,7 @@ def _bars(names: list[str], before: Array, after: Array, floor: float, what: str
     y = np.arange(len(names))
     ax.barh(y - 0.2, before, 0.38, color=NOMINAL, label="model as given")
     ax.barh(y + 0.2, after, 0.38, color=CORRECTED, label="corrected model")
-    ax.axvline(max(floor, 1e-9), color=MEASURED, ls=":", label="noise alone")
+    ax.axvline(max(floor, 1e-9), color=MEASURED, ls=":", label="noise alone, all together")
     _log_scale(ax)
     ax.set_yticks(y, [_name(name, 18) for name in names])
     ax.invert_yaxis()
@@ -186,7 +189,7 @@ def residual_map(d: Diagnosis, path: Path) -> Path:
             (d.held.before.window[mine], -0.12, NOMINAL),
             (d.held.after.window[mine], 0.12, CORRECTED),
         ):
-            size = 12 + 240 * np.sqrt(values / max(d.held.before.window.max(), 1e-12))
+            size = 4 + 240 * values / max(d.held.before.window.max(), 1e-12)
             ax.scatter(t, np.full(t.size, row + shift), s=size, color=color, alpha=0.65, lw=0)
     ax.set_yticks(range(len(present)), [_name(names[s], 24) for s in present])
     ax.set_ylim(len(present) - 0.4, -0.6)

@@ -155,8 +155,8 @@ def note_numerics(p: Prepared, f: Fitted, w: Windows) -> None:
         sure = amount[k] > SURE * np.sqrt(max(variance[k], 0.0)) and amount[k] < MOST * NUISANCE
         if sure and matters:
             p.warnings.append(
-                f"{what}: {size.max():.1g} rad or m (rms, where most) over {w.times.max():.2g} s. This is taken into "
-                "account and is no physics."
+                f"{what}: {size.max():.1g} rad or m (rms, at the joint where it is most) over {w.times.max():.2g} s. "
+                "This is taken into account and is not counted as missing physics."
             )
 
 

@@ -26,7 +26,7 @@ def locate(d: Diagnosis) -> list[tuple[str, str, float]]:
     The recordings show the missing force joint by joint; the joints that place a floating base stand for its body. What
     was found at an actuator, a body, a geom (which goes by its body) or the whole world takes the largest ratio among
     the joints on which it acts; among equals, what was found stands first. Between commands and measured forces the
-    ratio is that of the squared force errors, before and after.
+    ratio is that of the squared force errors of the model as given over those of the forces' noise.
     """
     p = d.prepared
     base = _base(p)
@@ -44,8 +44,7 @@ def locate(d: Diagnosis) -> list[tuple[str, str, float]]:
         elif name in by_joint and name not in base:
             rows[name, kind] = by_joint[name]
     if d.actuators is not None:
-        for name, (before, after) in d.actuators.errors.items():
-            rows[name, "actuator"] = (before / max(after, 1e-12)) ** 2
+        rows |= {(name, "actuator"): ratio for name, ratio in d.actuators.excess.items()}
     for name, kind, ratio in d.location:
         if name not in base:
             rows.setdefault((name, kind), ratio)

@@ -26,6 +26,9 @@ from mpge_jax.diagnosis.model import Names
 _SCALES = {
     "rad": 1.0,
     "deg": np.pi / 180,
+    "rad/s": 1.0,
+    "deg/s": np.pi / 180,
+    "rpm": np.pi / 30,
     "m": 1.0,
     "mm": 1e-3,
     "s": 1.0,

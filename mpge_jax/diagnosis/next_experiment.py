@@ -30,6 +30,8 @@ SEPARATED = 3.0
 """Root-mean-square distance of the predictions after a refit, in units of noise, that counts as told apart."""
 MARGIN = 0.1
 """Share of a joint's range that stays free at either end."""
+FARTHER, FASTER = 0.5, 2.0
+"""How far a joint may leave the recorded range, as a share of it, and how fast it may be, over the fastest recorded."""
 SHORTEST = 0.3
 """Seconds that a sequence lasts at least."""
 _EVERY = 5
@@ -101,7 +103,9 @@ def design(d: Diagnosis, groups: Mapping[Term, list[Fitted]], path: Path) -> dic
     tried = proposals(*command_range(d), time, rng)
     w = _windows(d, q0, np.array([command for _, command in tried]), dt)
     models = [_Linear(d, f, w) for f in fits]
-    seen = np.logical_and.reduce([_inside_limits(d, q0, x.base) for x in models])
+    seen = np.logical_and.reduce(
+        [_inside_limits(d, q0, x.base) & _as_recorded(d, q0, x.base) for x in models]
+    )
     lasting = np.flatnonzero(seen.sum(1) * _EVERY * dt >= SHORTEST)
     distance = np.min([_refitted(a, b, seen)[0] for a, b in permutations(models, 2)], axis=0)
     best: tuple[float, int] | None = None
@@ -114,7 +118,7 @@ def design(d: Diagnosis, groups: Mapping[Term, list[Fitted]], path: Path) -> dic
     name, command = tried[best[1]]
     rows = slice(_EVERY * int(seen[best[1]].sum()))
     files.write_npz(path, {"time": time[rows], "ctrl": command[rows], "qpos0": q0})
-    return {"separation": best[0], "kind": name, "path": path.name}
+    return {"separation": best[0], "kind": name, "path": path.name, "seconds": float(time[rows].size * dt)}
 
 
 class _Linear:
@@ -195,6 +199,24 @@ def _inside_limits(d: Diagnosis, q0: Array, base: Array) -> Array:
         low, high = m.jnt_range[j] + MARGIN * np.ptp(m.jnt_range[j]) * np.array([1.0, -1.0])
         q = start - base[..., m.jnt_dofadr[j]]
         out &= (q >= min(low, start - 1e-3)) & (q <= max(high, start + 1e-3))
+    return np.logical_and.accumulate(out, axis=1)
+
+
+def _as_recorded(d: Diagnosis, q0: Array, base: Array) -> Array:
+    """Samples [W, N] up to which every joint moved about as far and as fast as in the recordings."""
+    m, out = d.prepared.model, np.isfinite(base).all(-1)
+    states = [s.states for s in d.prepared.train_sources]
+    for j in range(m.njnt):
+        if not is_scalar(m, j):
+            continue
+        column, dof = int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])
+        recorded = np.concatenate([s.qpos[:, column] for s in states])
+        fastest = max(float(np.abs(s.qvel[:, dof]).max()) for s in states)
+        q = q0[column] - base[..., dof]
+        speed = np.abs(np.diff(q, axis=1, prepend=q0[column])) / (_EVERY * d.prepared.dt)
+        spare = FARTHER * np.ptp(recorded) + 1e-3
+        out &= (q >= recorded.min() - spare) & (q <= recorded.max() + spare)
+        out &= speed <= FASTER * fastest + 1e-2
     return np.logical_and.accumulate(out, axis=1)
 
 

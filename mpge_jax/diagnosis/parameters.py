@@ -48,13 +48,14 @@ def parameters(ctx: Context, f: Fitted, term: Term) -> dict[str, Any]:
                     gj = (np.asarray(b[k]) - np.asarray(value[k])) / hj
                     spread[k] = spread[k] + gi * gj * ci
     units = effect.units(ctx, place)
+    limits = {p.name: (p.low, p.high) for p in effect.params(ctx, place)}
     out = {}
     for k, v in value.items():
         half = 1.96 * np.sqrt(np.maximum(spread[k], 0.0))
         out[k] = {
             "value": plain(v),
-            "low": plain(np.asarray(v) - half),
-            "high": plain(np.asarray(v) + half),
+            "low": plain(np.maximum(np.asarray(v) - half, limits.get(k, (-np.inf, np.inf))[0])),
+            "high": plain(np.minimum(np.asarray(v) + half, limits.get(k, (-np.inf, np.inf))[1])),
             "unit": units.get(k, "1"),
         }
     return out

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mpge_jax.diagnosis.model import is_scalar
+from mpge_jax.diagnosis.parameters import number
 from mpge_jax.diagnosis.verdict import active_dofs, excess_by_dof
 
 if TYPE_CHECKING:
@@ -72,4 +73,4 @@ def describe(
         r = w.sources[w.source[k]].recording
         begin = r.origin + float(w.start[k])
         intervals.append([r.name, round(begin, 4), round(begin + float(length[k]), 4)])
-    return {"at": at, "when": when, "intervals": intervals, "share": float(min(share, 1.0))}
+    return {"at": at, "when": when, "intervals": intervals, "share": number(min(share, 1.0))}

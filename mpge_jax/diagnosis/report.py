@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mpge_jax.diagnosis.force_errors import motion_is_given
-from mpge_jax.diagnosis.words import digits, quantity
+from mpge_jax.diagnosis.words import beside_noise, intervals, quantity, times, unit_of_joint
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis
@@ -59,12 +59,6 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
     return f'<div class="overflow"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _interval(entry: dict[str, Any]) -> str:
-    low, high = (x if isinstance(x, list) else [x] for x in (entry["low"], entry["high"]))
-    known = [(a, b) for a, b in zip(low, high, strict=True) if a is not None and b is not None]
-    return "; ".join(f"{digits(a, b - a)} to {digits(b, b - a)}" for a, b in known) or "not determined"
-
-
 def _effects(table: dict[str, Any]) -> str:
     rows = []
     for e in table["effects"]:
@@ -75,7 +69,13 @@ def _effects(table: dict[str, Any]) -> str:
             first = [escape(e["id"].replace("_", " ")), escape(e["at"])] if i == 0 else ["", ""]
             value = escape(quantity(entry)) if name else ""
             rows.append(
-                [*first, escape(name), value, _interval(entry) if name else "", share if i == 0 else ""]
+                [
+                    *first,
+                    escape(name),
+                    value,
+                    escape(intervals(entry)) if name else "",
+                    share if i == 0 else "",
+                ]
             )
     if not rows:
         return ""
@@ -113,25 +113,51 @@ def _drives(d: Diagnosis) -> str:
     )
 
 
-def _ambiguous(table: dict[str, Any]) -> str:
+def _ambiguous(d: Diagnosis, table: dict[str, Any]) -> str:
     parts = []
     for entry in table["ambiguous"]:
+        sets = [[(e["id"], e["at"]) for e in candidate] for candidate in entry["candidates"]]
+        common = set(sets[0]).intersection(*sets)
         items = []
         for candidate in entry["candidates"]:
             names = []
             for e in candidate:
-                shown = ", ".join(f"{k} {quantity(v)}" for k, v in e["parameters"].items())
+                if (e["id"], e["at"]) in common:
+                    continue
+                values = (f"{k} {quantity(v)}, 95 %: {intervals(v)}" for k, v in e["parameters"].items())
+                shown = "; ".join(values)
                 names.append(f"{e['id'].replace('_', ' ')} at {e['at']}" + (f" ({shown})" if shown else ""))
             items.append(f"<li>{escape(' and '.join(names))}</li>")
-        extra = ""
-        if entry["experiment"]:
-            file = escape(entry["experiment"])
-            extra = f" A command sequence that separates them in simulation is in <code>{file}</code>."
+        beside = " and ".join(f"{i.replace('_', ' ')} at {at}" for i, at in sets[0] if (i, at) in common)
+        beside = f", each beside {escape(beside)}" if beside else ""
         parts.append(
-            f"<p>These explain the recordings equally well:</p><ul>{''.join(items)}</ul>"
-            f"<p><b>To tell them apart:</b> {escape(entry['separated_by'])}.{extra}</p>"
+            f"<p>These explain the recordings equally well{beside}:</p><ul>{''.join(items)}</ul>"
+            f"<p><b>To tell them apart:</b> {escape(entry['separated_by'])}.</p>"
+        )
+    if parts and d.experiment is not None:
+        e = d.experiment
+        parts.append(
+            f"<p>A command sequence that separates them in simulation is in <code>{escape(str(e['path']))}</code>: "
+            f"{escape(str(e['kind']))}, {e['seconds']:.1f} s, from rest in the pose that the file holds. In simulation "
+            "no joint leaves the recorded range by more than half of it, nor is more than twice as fast. Look before "
+            "you play it.</p>"
         )
     return "<h2>More than one explanation</h2>" + "".join(parts) if parts else ""
+
+
+def _not_native(d: Diagnosis) -> str:
+    """What the model file cannot hold."""
+    from mpge_jax.diagnosis.export import corrected_spec
+
+    missing = [
+        f"{t.name.replace('_', ' ')} at {t.place.name}" for t, ok in corrected_spec(d)[1].items() if not ok
+    ]
+    if not missing:
+        return ""
+    return (
+        f"<p><code>corrected.xml</code> holds all but {escape(', '.join(missing))}, for which MuJoCo has no element; "
+        "<code>effects.json</code> holds everything.</p>"
+    )
 
 
 def _unexplained(table: dict[str, Any]) -> str:
@@ -141,7 +167,7 @@ def _unexplained(table: dict[str, Any]) -> str:
     rows = [[escape(str(n)), f"{a:.2f}", f"{b:.2f}"] for n, a, b in u["intervals"]]
     return (
         f"<h2>What nothing explains</h2><p>At {escape(' and '.join(u['at']))}: {escape(u['when'])}. It makes up "
-        f"{100 * u['share']:.0f} % of the squared error. Look at these moments:</p>"
+        f"{100 * u['share']:.0f} % of the squared error of the model as given. Look at these moments:</p>"
         + _table(["recording", "from (s)", "to (s)"], rows)
     )
 
@@ -165,7 +191,7 @@ def _predicted(d: Diagnosis, table: dict[str, Any]) -> str:
     """What the errors are errors of."""
     if motion_is_given(d):
         return "the actuator forces that the recorded motion needs, by inverse dynamics"
-    return f"predicting the motion {table['fit']['window_s']:.2g} s ahead, open loop"
+    return f"predicting the motion over windows of {table['fit']['window_s']:.2g} s, open loop"
 
 
 def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:
@@ -173,11 +199,15 @@ def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:
     held = table["fit"]["held_out"]
     first, _, rest = table["explanation"].partition(". ")
     lead = first if first.endswith(".") else first + "."
-    before, after, floor = (
-        _number(held[k], table["fit"]["unit"]) for k in ("before", "after", "noise_floor")
-    )
-    gain = held["before"] / held["after"] if held["before"] and held["after"] else 1.0
-    joints = [[escape(name), _number(a), _number(b)] for name, (a, b) in held["per_joint"].items()]
+    unit = table["fit"]["unit"]
+    before, after = (_number(held[k], unit) for k in ("before", "after"))
+    changed = bool(held["before"] and held["after"] and held["before"] != held["after"])
+    gain = times(held["before"], held["after"]) if changed else ""
+    noise = beside_noise(held["after"], held["noise_floor"], unit) if held["after"] else ""
+    joints = [
+        [escape(f"{name} ({unit_of_joint(d, name)})"), _number(a), _number(b)]
+        for name, (a, b) in held["per_joint"].items()
+    ]
     warnings = "".join(f"<li>{escape(w)}</li>" for w in table["warnings"])
     versions = ", ".join(f"{escape(k)} {escape(v)}" for k, v in table["versions"].items())
     return f"""<!DOCTYPE html>
@@ -187,11 +217,11 @@ def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:
 <p class="lead">{escape(lead)}</p><p>{escape(rest)}</p>
 <div class="row"><div>{_image(figures["robot"], "the machine with the place marked")}</div>
 <div><h2>On recordings it never saw</h2><div class="numbers"><div><b>{before}</b>model as given</div>
-<div><b>{after}</b>corrected model</div><div><b>{gain:.1f} &times;</b>smaller error</div></div>
+{f"<div><b>{after}</b>corrected model</div><div><b>{gain}</b>smaller error</div>" if changed else ""}</div>
 <p class="quiet">Root-mean-square error of {_predicted(d, table)}, over {len(held["recordings"])} held-out
-{"recording" if len(held["recordings"]) == 1 else "recordings"}. Noise alone gives {floor}.</p>
+{"recording" if len(held["recordings"]) == 1 else "recordings"}; {escape(noise)}.</p>
 {_table(["joint", "as given", "corrected"], joints)}</div></div>
-{_effects(table)}{_drives(d)}{_ambiguous(table)}{_unexplained(table)}
+{_effects(table)}{_not_native(d)}{_drives(d)}{_ambiguous(d, table)}{_unexplained(table)}
 <h2>Prediction against measurement</h2>{_image(figures["prediction"], "held-out motion, predicted before and after")}
 <div class="row"><div>{_image(figures["errors"], "errors by joint")}</div>
 <div>{_image(figures["location"], "where force is missing")}</div></div>

@@ -132,7 +132,7 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
         return Rival(other, rival.fit, margin, error, "it predicts better, but less simply", better=True)
     if margin > max(2.0 * error, TIE):
         return Rival(
-            other, rival.fit, margin, error, f"its prediction error is {margin / error:.0f} deviations larger"
+            other, rival.fit, margin, error, f"it predicts worse, by {margin / error:.0f} standard errors"
         )
     if misses(rival, best):
         return Rival(

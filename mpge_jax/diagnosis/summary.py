@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mpge_jax.diagnosis.words import quantity
+from mpge_jax.diagnosis.words import intervals, quantity
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis, FitReport
@@ -44,7 +44,7 @@ def markdown(d: Diagnosis, title: str, command: str) -> str:
         share = f"{100 * e['error_drop']:.0f} %" if e.get("error_drop") is not None else ""
         for name, p in (e["parameters"] or {"": None}).items():
             value = quantity(p) if p else ""
-            interval = f"{p['low']} to {p['high']}" if p else ""
+            interval = intervals(p) if p else ""
             lines.append(f"| {e['id']} | {e['at']} | {name} | {value} | {interval} | {share} |")
     held = d.held
     before, after = window_errors(held, False), window_errors(held, True)

@@ -16,31 +16,46 @@ if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis
 
 
+UNKNOWN = 4.0
+"""Width of a component's interval, over the largest component, from which on nothing is known of it."""
+
+
 def quantity(entry: dict[str, Any]) -> str:
     """'0.70 N m' or '(0.1, 0, 0.2) m' from a parameter entry."""
     value, unit = entry["value"], entry["unit"]
     low, high = np.atleast_1d(entry["low"]).astype(float), np.atleast_1d(entry["high"]).astype(float)
     width = np.nan_to_num(high - low)
     values = np.atleast_1d(value).astype(float)
+    shown_at_all = width <= UNKNOWN * np.nanmax(np.abs(values), initial=0.0)
     # a component far below the largest, or below a hundredth of its interval, is nothing
     least = np.maximum(0.01 * width, 1e-4 * np.nanmax(np.abs(values), initial=0.0) * (values.size > 1))
     values = np.where(np.abs(values) < least, 0.0, values)
     shown = [digits(v, w) for v, w in zip(values, width, strict=True)]
+    if values.size > 1 and shown_at_all.any():
+        shown = [text if known else "unknown" for text, known in zip(shown, shown_at_all, strict=True)]
     text = shown[0] if not isinstance(value, list) else f"({', '.join(shown)})"
     return text if unit == "1" else f"{text} {unit}"
 
 
 def digits(value: float, width: float) -> str:
-    """A number with two digits of its uncertainty, four digits at most."""
+    """A number up to the first digit in which half its interval of a `width` lies, with two to four digits."""
     if not np.isfinite(value):
         return "unknown"
     if value == 0:
         return "0"
     size = np.floor(np.log10(abs(value)))
-    fine = np.floor(np.log10(width)) if width > 0 else size - 3
+    fine = np.floor(np.log10(0.5 * width)) if width > 0 else size - 3
     digits = int(np.clip(size - fine + 1, 2, 4))
     text = f"{value:.{digits}g}"
     return f"{float(text):.{max(0, int(digits - 1 - size))}f}" if -5 < size < 6 else text
+
+
+def intervals(entry: dict[str, Any]) -> str:
+    """'0.68 to 0.72 N m' from a parameter entry, component by component."""
+    low, high = (x if isinstance(x, list) else [x] for x in (entry["low"], entry["high"]))
+    known = [(a, b) for a, b in zip(low, high, strict=True) if a is not None and b is not None]
+    text = "; ".join(f"{digits(a, b - a)} to {digits(b, b - a)}" for a, b in known)
+    return f"{text} {'' if entry['unit'] == '1' else entry['unit']}".rstrip() if text else "not determined"
 
 
 def sentence(d: Diagnosis, f: Fitted, term: Term) -> str:
@@ -81,7 +96,7 @@ def explanation(d: Diagnosis) -> str:
         known = "Beyond that, something" if parts else "Something"
         parts.append(
             f"{known} acts at the {where} that no known effect explains: {d.unexplained['when']}. It makes up "
-            f"{100 * d.unexplained['share']:.0f} % of the squared error."
+            f"{100 * d.unexplained['share']:.0f} % of the squared error of the model as given."
         )
     if not parts:
         parts.append(
@@ -103,8 +118,21 @@ def _gain(d: Diagnosis) -> str:
         before, after, noise = d.held.before.rms, d.held.after.rms, d.held.floor
     return (
         f"On recordings that were not used for fitting, the error of the predicted {what} falls from {before:.3g} to "
-        f"{after:.3g} {unit} ({before / max(after, 1e-12):.1f} times less; noise alone gives {noise:.2g} {unit})."
+        f"{after:.3g} {unit} ({times(before, after)} less; {beside_noise(after, noise, unit)})."
     )
+
+
+def times(before: float, after: float) -> str:
+    """By how much an error became smaller: '12 times'."""
+    ratio = before / max(after, 1e-300)
+    return "more than 1000 times" if ratio > 1000 else f"{ratio:.3g} times"
+
+
+def beside_noise(after: float, noise: float, unit: str) -> str:
+    """What noise alone does, beside what is left: its estimate is not trusted beyond that (`FitReport.above`)."""
+    if noise >= 0.999 * after:
+        return "that is no more than measurement noise leaves"
+    return f"noise alone gives {noise:.2g} {unit}"
 
 
 def error_unit(d: Diagnosis) -> str:
@@ -121,6 +149,21 @@ def error_unit(d: Diagnosis) -> str:
     return "m" if kinds == {int(mujoco.mjtJoint.mjJNT_SLIDE)} else "rad and m"
 
 
+def unit_of_joint(d: Diagnosis, name: str) -> str:
+    """Unit of one joint's errors, or of the force of what drives it; `name` as in the table of joints."""
+    m, names = d.prepared.model, d.prepared.names
+    joint = name if name in names.joints else name.partition(":")[0]
+    if joint not in names.joints:
+        return error_unit(d)
+    j, dof = names.joints.index(joint), name.removeprefix(joint).removeprefix(":")
+    linear = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
+    if m.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
+        linear = not dof.isdecimal() or int(dof) - int(m.jnt_dofadr[j]) < 3
+    if motion_is_given(d):
+        return "N" if linear else "N m"
+    return "m" if linear else "rad"
+
+
 def _differing(d: Diagnosis, f: Fitted, term: Term) -> Term:
     if term in f.hypothesis.terms:
         return term
@@ -129,9 +172,10 @@ def _differing(d: Diagnosis, f: Fitted, term: Term) -> Term:
 
 def separation(d: Diagnosis, term: Term, fits: list[Fitted]) -> str:
     """The experiment that would tell the candidates apart."""
-    remedies = []
-    for f in fits:
-        other = _differing(d, f, term)
-        remedies.append(other.effect.remedy)
+    others = [_differing(d, f, term) for f in fits]
+    if len({t.name for t in others}) == 1:
+        places = list(dict.fromkeys(t.place.name for t in others if t.place.kind != "world"))
+        return f"move {_listed(places)} by itself, and load it, in poses that differ"
+    remedies = [t.effect.remedy for t in others]
     unique = list(dict.fromkeys(r for r in remedies if r))
     return "; ".join(unique)[:600] or "move every joint over its whole range at several speeds"

@@ -97,6 +97,12 @@ def test_commands_turn_back_and_separate_friction_from_bias(tmp_path, ambiguous,
         for b in bias + 0.01 * np.arange(-8, 9)
     ]
     assert min(gaps) > 5 * NOISE
+    # about as far and as fast as the machine was seen to move
+    seen = np.concatenate([x.states.qpos[:, 0] for x in d.prepared.train_sources])
+    fastest = max(np.abs(x.states.qvel).max() for x in d.prepared.train_sources)
+    spare = 0.55 * np.ptp(seen)
+    assert seen.min() - spare < true.min() and true.max() < seen.max() + spare
+    assert np.abs(np.diff(true)).max() / d.prepared.dt < 2.1 * fastest
     if limit is not None:
         assert np.abs(true).max() < limit
         assert np.abs(_replay(_changed(bias=bias), file)).max() < limit

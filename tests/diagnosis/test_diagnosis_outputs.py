@@ -14,11 +14,11 @@ from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable
 from mpge_jax.diagnosis.outputs import effects_table
-from mpge_jax.diagnosis.report import _drives, _interval
+from mpge_jax.diagnosis.report import _drives
 from mpge_jax.diagnosis.rivals import _one_each
 from mpge_jax.diagnosis.scored import Rival
 from mpge_jax.diagnosis.summary import window_errors
-from mpge_jax.diagnosis.words import explanation, quantity
+from mpge_jax.diagnosis.words import beside_noise, explanation, intervals, quantity, times
 
 
 def test_forms_of_a_rival_are_one_entry_and_ties_win():
@@ -86,9 +86,24 @@ def test_quantities_show_digits_that_mean_something(entry, text):
 
 
 def test_intervals_show_as_many_digits_as_they_mean():
-    assert _interval({"low": 0.098071, "high": 0.103099}) == "0.098 to 0.103"
-    assert _interval({"low": [0.1, None], "high": [0.2, None]}) == "0.10 to 0.20"
-    assert _interval({"low": None, "high": None}) == "not determined"
+    assert intervals({"low": 0.098071, "high": 0.103099, "unit": "N m"}) == "0.098 to 0.103 N m"
+    assert intervals({"low": [0.1, None], "high": [0.2, None], "unit": "1"}) == "0.10 to 0.20"
+    assert intervals({"low": None, "high": None, "unit": "1"}) == "not determined"
+
+
+def test_components_of_which_nothing_is_known_are_not_called_nothing():
+    entry = {"value": [-0.5018, -4.7e-10, -0.6947], "low": [-0.5108, -356.6, -0.7039], "unit": "N"}
+    assert quantity({**entry, "high": [-0.4928, 356.6, -0.6854]}) == "(-0.502, unknown, -0.695) N"
+    assert (
+        quantity({**entry, "low": [-0.51, -0.02, -0.71], "high": [-0.49, 0.02, -0.68]})
+        == "(-0.50, 0, -0.69) N"
+    )
+
+
+def test_errors_beside_noise_in_words():
+    assert times(12.0, 1.0) == "12 times" and times(1.0, 1e-9) == "more than 1000 times"
+    assert beside_noise(2.0, 1.0, "rad") == "noise alone gives 1 rad"
+    assert "no more than measurement noise" in beside_noise(1.0, 1.0, "rad")
 
 
 def test_errors_of_drives_are_in_the_report_with_escaped_names():
