@@ -32,7 +32,7 @@ cuda: $(STAMP) ## add JAX for NVIDIA GPUs and MJX-Warp (Linux)
 	@echo "== Adding the CUDA 12 wheels of JAX and MJX-Warp to $(VENV)"
 	@$(PIP) -e '.[cuda]'
 
-sweep: $(STAMP) ## the main job: compare all methods on a quick task (20 minutes on two cores)
+sweep: $(STAMP) ## the main job: compare all methods on a quick task (10 to 20 minutes on two cores)
 	$(PY) -m experiments.sweep --preset quick $(ARGS)
 
 diagnose: $(STAMP) ## name the mismatch in recordings: ARGS='--model M.xml --recordings DIR --out DIR'

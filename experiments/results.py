@@ -246,7 +246,7 @@ def policies_section() -> str:
             lines.append(
                 f"| {task} | {kind} | {stored.size} | {_range(returns.get('deterministic'))} "
                 f"| {_range(returns.get('stochastic'))} | {_number(about.get('updates'))} "
-                f"| {_number(about.get('env_steps'))} | {about.get('kept', 'its end')} "
+                f"| {_number(about.get('env_steps'))} | {about.get('kept', 'its end, by an earlier version')} "
                 f"| {sac.get('batch_size', '')}, {sac.get('actor_lr', '')} "
                 f"| {about.get('seed', '')} | {about.get('machine', '')} |"
             )

@@ -32,9 +32,8 @@ def _diagnose(folder: Path, title: str, page: str):
     d = diagnose(folder / "model.xml", folder, Config(jobs=os.cpu_count() or 1))
     path = ROOT / "docs" / "machines" / page
     path.parent.mkdir(parents=True, exist_ok=True)
-    command = (
-        f"python -m experiments.diagnose --model {folder.name}/model.xml --recordings {folder.name} --out out"
-    )
+    data = folder.relative_to(RECORDINGS)
+    command = f"python -m experiments.diagnose --model {data}/model.xml --recordings {data} --out out"
     path.write_text(markdown(d, title, command), encoding="utf-8")
     assert all(s.recording.name.startswith("heldout_") for s in d.prepared.held_sources)
     assert not any(s.recording.name.startswith("heldout_") for s in d.prepared.train_sources)
