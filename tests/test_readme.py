@@ -21,7 +21,9 @@ README = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
-def test_the_library_example_grounds_a_simulator() -> None:
+def test_the_library_examples_ground_a_simulator_and_name_what_it_lacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     code = BLOCKS[0]
     assert code.count("iterations=80") == 1
     names: dict = {}
@@ -32,6 +34,10 @@ def test_the_library_example_grounds_a_simulator() -> None:
     assert state.obs.shape == (4,)
     assert np.isfinite(state.obs).all()
     assert state.reward == 1.0
+    monkeypatch.chdir(tmp_path)
+    exec(BLOCKS[2], names)
+    assert [(t.name, t.place.name) for t in names["d"].terms] == [("actuator_bias", "slide")]
+    assert (tmp_path / "out" / "report.html").is_file()
 
 
 def test_the_example_of_a_target_changes_model_and_action(monkeypatch: pytest.MonkeyPatch) -> None:

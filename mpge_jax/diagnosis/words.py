@@ -20,6 +20,10 @@ UNKNOWN = 4.0
 """Width of a component's interval, over the largest component, from which on nothing is known of it."""
 
 
+SPOKEN = {"command": "units of its command", "command s/rad": "units of its command per rad/s"}
+"""Units in words, where they are no unit by themselves."""
+
+
 def quantity(entry: dict[str, Any]) -> str:
     """'0.70 N m' or '(0.1, 0, 0.2) m' from a parameter entry."""
     value, unit = entry["value"], entry["unit"]
@@ -34,7 +38,7 @@ def quantity(entry: dict[str, Any]) -> str:
     if values.size > 1 and shown_at_all.any():
         shown = [text if known else "unknown" for text, known in zip(shown, shown_at_all, strict=True)]
     text = shown[0] if not isinstance(value, list) else f"({', '.join(shown)})"
-    return text if unit == "1" else f"{text} {unit}"
+    return text if unit == "1" else f"{text} {SPOKEN.get(unit, unit)}"
 
 
 def digits(value: float, width: float) -> str:
