@@ -167,8 +167,7 @@ def _simulated(
         source = w.sources[w.source[k]]
         ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
         if shaken.any():
-            # the machine felt the force, the recording holds it with noise, of which a row here averages several
-            rows = np.maximum(np.diff(grid, append=2 * grid[-1] - grid[-2]) / prepared.ctx.period, 1.0)
-            ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape) / np.sqrt(rows)[:, None]
+            # the machine felt the force, the recording holds it with noise
+            ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape)
         out.append(Recording(f"calibration_{k}", time, qpos, velocity, ctrl if m.nu else np.zeros((n, 0))))
     return out

@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, St
 from mpge_jax.diagnosis.evidence import rare
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import clipped
+from mpge_jax.diagnosis.model import clipped, is_joint_transmission
 from mpge_jax.diagnosis.windows import Source
 
 Array = np.ndarray
@@ -143,6 +143,8 @@ def predict(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, log: 
             )  # fmt: skip
             forces, _ = term.effect.force(np, ctx, term.place, theta, s, ())
             if forces.actuator is not None:
+                # as in simulation, what drives of no joint lose is taken from their command
+                out = out if is_joint_transmission(model, actuator) else free
                 out = out + forces.actuator
     return out
 

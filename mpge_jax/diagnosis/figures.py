@@ -84,7 +84,8 @@ def prediction(d: Diagnosis, path: Path) -> Path:
             ax.set_ylim(low - pad, high + pad)
             if i == 0:
                 name = _name(w.sources[w.source[k]].recording.name, 30)
-                ax.set_title(f"{name}, {w.start[k]:.2f} s", fontsize=9)
+                origin = w.sources[w.source[k]].recording.origin
+                ax.set_title(f"{name}, {origin + w.start[k]:.2f} s", fontsize=9)
             if j == 0:
                 unit = unit_of_joint(d, f"{d.prepared.names.joints[joint]}:{dof}")
                 ax.set_ylabel(f"{_name(d.prepared.names.joints[joint], 18)}{_axis(model, dof)} ({unit})")
@@ -184,7 +185,7 @@ def residual_map(d: Diagnosis, path: Path) -> Path:
     ax = figure.subplots()
     for row, source in enumerate(present):
         mine = w.source == source
-        t = w.start[mine] + 0.5 * w.times[mine].max(1)
+        t = w.sources[source].recording.origin + w.start[mine] + 0.5 * w.times[mine].max(1)
         for values, shift, color in (
             (d.held.before.window[mine], -0.12, NOMINAL),
             (d.held.after.window[mine], 0.12, CORRECTED),

@@ -88,7 +88,15 @@ def force_errors(d: Diagnosis, held: bool) -> ForceErrors:
         again = _needed(corrected, _noisier(p, source, np.random.default_rng([d.config.seed, i])), rows)
         measured = np.where(p.measured, _measured(source, rows), np.nan)
         spread.append(np.where(p.measured, again - after, np.nan))
-        traces.append(Trace(source.recording.name, source.recording.time[rows], measured, before, after))
+        traces.append(
+            Trace(
+                source.recording.name,
+                source.recording.origin + source.recording.time[rows],
+                measured,
+                before,
+                after,
+            )
+        )
     all_rows = {k: np.concatenate([getattr(t, k) for t in traces]) for k in ("measured", "before", "after")}
     wrong = [all_rows[k] - all_rows["measured"] for k in ("before", "after")]
     each = [np.sqrt(_mean(x**2, axis=0)) for x in wrong]

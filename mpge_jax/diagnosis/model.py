@@ -72,6 +72,7 @@ def _replace_what_follows_masses(spec: mujoco.MjSpec) -> None:
             a.biasprm = m.actuator_biasprm[i]
         joint = int(m.actuator_trnid[i, 0])
         alone = is_joint_transmission(m, i) and len(actuators_of_joint(m, joint)) == 1
+        alone &= not m.jnt_actgravcomp[joint] and all(is_joint_transmission(m, k) for k in range(m.nu))
         gear = float(m.actuator_gear[i, 0])
         if alone and m.jnt_actfrclimited[joint] and gear != 0.0:
             given = m.actuator_forcerange[i] if m.actuator_forcelimited[i] else np.array([-np.inf, np.inf])

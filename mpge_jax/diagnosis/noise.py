@@ -9,6 +9,8 @@ _MAD = 1.4826
 MIN_ROWS = 12
 STILL = 50
 """Rows for each change of a signal from which on it counts as resting."""
+COARSE = 0.02
+"""Steps (rad or m) as large are no encoder's, where only a few were seen."""
 
 
 def difference_noise(time: Array, value: Array, order: int = 8) -> Array:
@@ -54,8 +56,8 @@ def quantum(values: list[Array], rests: bool = False) -> float:
     largest = max(float(np.abs(v).max(initial=0.0)) for v in values)
     moves = steps[steps > 1e-12 * max(1.0, largest)]
     if moves.size < 8:
-        # an encoder that flickered now and then; a few moves among few rows may be anything
-        resting = rests and moves.size and steps.size >= STILL * moves.size
+        # an encoder that flickered now and then; a few moves among few rows, or far ones, may be anything
+        resting = rests and moves.size > 1 and steps.size >= STILL * moves.size and moves.min() < COARSE
         ratio = moves / moves.min() if resting else np.array([0.5])
         return float(moves.min()) if np.abs(ratio - np.round(ratio)).max() < 0.02 else 0.0
     q = float(np.quantile(moves, 0.01))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Context
+from mpge_jax.diagnosis.effects.base import Context, Effect
 from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 
@@ -48,7 +48,9 @@ def parameters(ctx: Context, f: Fitted, term: Term) -> dict[str, Any]:
                     gj = (np.asarray(b[k]) - np.asarray(value[k])) / hj
                     spread[k] = spread[k] + gi * gj * ci
     units = effect.units(ctx, place)
-    limits = {p.name: (p.low, p.high) for p in effect.params(ctx, place)}
+    # of what is fitted, not of what is reported in its place
+    as_fitted = type(effect).report is Effect.report
+    limits = {p.name: (p.low, p.high) for p in effect.params(ctx, place)} if as_fitted else {}
     out = {}
     for k, v in value.items():
         half = 1.96 * np.sqrt(np.maximum(spread[k], 0.0))

@@ -223,8 +223,9 @@ def unwrapped(recording: Recording, model: mujoco.MjModel, names: Names) -> Reco
         if np.isfinite(v).all():
             dt = np.diff(recording.time)
             turns = np.round((0.5 * (v[1:] + v[:-1]) * dt - steps) / (2 * np.pi))
-            # what it did in between nobody knows
-            turns[dt > longest_step(recording)] = 0
+            # what it did in a gap nobody knows, if it was fast
+            far = np.maximum(np.abs(v[1:]), np.abs(v[:-1])) * dt > np.pi
+            turns[(dt > longest_step(recording)) & far] = 0
         else:
             jumps = np.abs(steps) > WRAP
             rest = np.abs(steps[~jumps])

@@ -116,7 +116,7 @@ def observe(
     if not model.nu:
         none = xp.zeros(0)
         return Step(q, v, none, none, none, none, none, none, none, body_velocity, dt)
-    plain = np.array([has_plain_law(model, a) for a in range(model.nu)])
+    plain = np.array([has_plain_law(m.ctx.model, a) for a in range(model.nu)])
     joint = np.where(plain, np.clip(model.actuator_trnid[:, 0], 0, model.njnt - 1), 0)
     gear = model.actuator_gear[:, 0]
     affine = model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE)

@@ -59,7 +59,8 @@ def intervals(entry: dict[str, Any]) -> str:
     low, high = (x if isinstance(x, list) else [x] for x in (entry["low"], entry["high"]))
     known = [(a, b) for a, b in zip(low, high, strict=True) if a is not None and b is not None]
     text = "; ".join(f"{digits(a, b - a)} to {digits(b, b - a)}" for a, b in known)
-    return f"{text} {'' if entry['unit'] == '1' else entry['unit']}".rstrip() if text else "not determined"
+    unit = "" if entry["unit"] == "1" else SPOKEN.get(entry["unit"], entry["unit"])
+    return f"{text} {unit}".rstrip() if text else "not determined"
 
 
 def sentence(d: Diagnosis, f: Fitted, term: Term) -> str:
@@ -177,9 +178,10 @@ def _differing(d: Diagnosis, f: Fitted, term: Term) -> Term:
 def separation(d: Diagnosis, term: Term, fits: list[Fitted]) -> str:
     """The experiment that would tell the candidates apart."""
     others = [_differing(d, f, term) for f in fits]
-    if len({t.name for t in others}) == 1:
-        places = list(dict.fromkeys(t.place.name for t in others if t.place.kind != "world"))
-        return f"move {_listed(places)} by itself, and load it, in poses that differ"
+    places = list(dict.fromkeys(t.place.name for t in others))
+    movable = all(t.place.kind in ("joint", "actuator", "body") for t in others)
+    if movable and len(places) > 1 and len({t.name for t in others}) == 1:
+        return f"move {' and '.join(places)} one at a time"
     remedies = [t.effect.remedy for t in others]
     unique = list(dict.fromkeys(r for r in remedies if r))
     return "; ".join(unique)[:600] or "move every joint over its whole range at several speeds"

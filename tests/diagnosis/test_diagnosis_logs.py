@@ -95,6 +95,8 @@ def test_an_encoder_that_hardly_ever_moves_is_known_by_its_step():
     value[200:230] = value[600:601] = step
     assert quantum([value], rests=True) == pytest.approx(step)
     assert quantum([value[190:230]], rests=True) == 0.0
+    moved = np.where(np.arange(1000) > 500, 0.7, 0.0)
+    assert quantum([moved], rests=True) == quantum([moved, 0.0 * moved, moved], rests=True) == 0.0
     uneven = value + 0.4 * step * (np.arange(1000) > 800)
     assert quantum([uneven], rests=True) == 0.0
 
@@ -118,6 +120,16 @@ def test_nobody_knows_how_far_an_angle_went_in_a_gap():
     assert abs(v[last] * (time[last + 1] - time[last])) > 2 * np.pi
     r = unwrapped(Recording("run", time, q, v), model, names_of(model))
     np.testing.assert_array_equal(r.qpos, q)
+
+
+def test_velocities_carry_an_angle_over_a_few_lost_rows():
+    model = mujoco.MjModel.from_xml_string(SPINNER)
+    time = np.delete(0.01 * np.arange(100), np.arange(60, 66))
+    turned = 5.0 * time
+    wrapped = (turned + np.pi) % (2 * np.pi) - np.pi
+    assert wrapped[60] < 0 < wrapped[59]
+    r = Recording("run", time, wrapped[:, None], np.full((time.size, 1), 5.0))
+    np.testing.assert_allclose(unwrapped(r, model, names_of(model)).qpos[:, 0], turned)
 
 
 def test_filtered_velocities_are_seen_after_a_long_rest():

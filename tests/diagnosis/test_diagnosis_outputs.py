@@ -1,5 +1,6 @@
 """What people read: one rival an effect and place, numbers without noise digits."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import mujoco
@@ -8,12 +9,13 @@ import pytest
 from machines import PENDULUM
 
 from mpge_jax.diagnosis.actuator_side import ActuatorSide
-from mpge_jax.diagnosis.effects.base import Place, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
 from mpge_jax.diagnosis.export import corrected_spec
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable
 from mpge_jax.diagnosis.outputs import effects_table
+from mpge_jax.diagnosis.parameters import parameters
 from mpge_jax.diagnosis.report import _drives
 from mpge_jax.diagnosis.rivals import _one_each
 from mpge_jax.diagnosis.scored import Rival
@@ -98,6 +100,19 @@ def test_components_of_which_nothing_is_known_are_not_called_nothing():
         quantity({**entry, "low": [-0.51, -0.02, -0.71], "high": [-0.49, 0.02, -0.68]})
         == "(-0.50, 0, -0.69) N"
     )
+
+
+@pytest.mark.parametrize(
+    ("effect", "theta"), [("joint_stiffness", [0.4, -0.6]), ("cogging_torque", [0.5, 0.5, 3.0])]
+)
+def test_limits_of_what_is_fitted_are_none_of_what_is_reported(effect, theta):
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+    ctx = replace(ctx, torque=np.full(1, 0.005))
+    term = Term(effect, REGISTRY[effect].places(ctx)[0])
+    theta = np.array(theta)[: len(term.params(ctx))]
+    f = Fitted(Hypothesis.of(term), theta, theta, cov=1e-4 * np.eye(theta.size))
+    for entry in parameters(ctx, f, term).values():
+        assert entry["low"] <= entry["value"] <= entry["high"]
 
 
 def test_errors_beside_noise_in_words():

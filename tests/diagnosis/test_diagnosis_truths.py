@@ -10,9 +10,11 @@ from machines import PENDULUM
 
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.corrected import CorrectedModel
+from mpge_jax.diagnosis.drive_fit import Log, predict
 from mpge_jax.diagnosis.drives import follows
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
 from mpge_jax.diagnosis.effects.step import Step
+from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.force_errors import _velocities
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
@@ -188,6 +190,14 @@ def test_lags_shorter_than_a_step_are_not_native_and_keyframes_keep_their_activa
     _, model, native = _exported(xml, _entry("actuator_lag", "a", "actuator", time_constant=0.05))
     assert native == [True]
     np.testing.assert_allclose(model.key_act[0], [0.5, 0.3])
+    more = xml.replace(
+        '<motor name="a" joint="hinge"/>', '<motor name="a" joint="hinge"/><motor name="c" joint="hinge"/>'
+    )
+    more = more.replace('ctrl=".5 .7"', 'ctrl=".5 .6 .7"')
+    lags = [_entry("actuator_lag", at, "actuator", time_constant=0.05) for at in "ac"]
+    np.testing.assert_allclose(_exported(more, *lags)[1].key_act[0], [0.5, 0.6, 0.3])
+    plain = more.replace('dyntype="filterexact" dynprm=".1"', "").replace('act=".3"', "")
+    np.testing.assert_allclose(_exported(plain, *lags)[1].key_act[0], [0.5, 0.6])
 
 
 def _inertia(model: mujoco.MjModel, body: int) -> np.ndarray:
@@ -242,6 +252,19 @@ def test_a_joints_limit_on_its_motor_comes_after_the_dead_zone():
         assert total == pytest.approx(torque)
 
 
+@pytest.mark.parametrize(
+    "beside",
+    ['<motor tendon="t"/>', "compensated"],
+)
+def test_a_joints_limit_on_more_than_its_motor_stays_the_joints(beside):
+    """It clips the sum with tendons' forces and with the compensation of gravity."""
+    gravity = ' actuatorgravcomp="true"' if beside == "compensated" else ""
+    xml = f"""<mujoco><worldbody><body name="arm"><joint name="hinge" axis="0 1 0" actuatorfrcrange="-5 5"{gravity}/>
+    {LINK}</body></worldbody><tendon><fixed name="t"><joint joint="hinge" coef="1"/></fixed></tendon><actuator>
+    <motor name="motor" joint="hinge"/>{"" if gravity else beside}</actuator></mujoco>"""
+    assert not load_spec(mujoco.MjSpec.from_string(xml)).compile().actuator_forcelimited.any()
+
+
 def test_a_dead_zone_of_a_tendons_motor_comes_before_its_limits():
     xml = f"""<mujoco><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>{LINK}</body></worldbody>
     <tendon><fixed name="t"><joint joint="hinge" coef="1"/></fixed></tendon><actuator>
@@ -262,15 +285,9 @@ GRAVITY_FREE = f"""<mujoco><worldbody><body name="arm" gravcomp="1"><joint name=
 </worldbody><actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
 
 
-@pytest.mark.parametrize(
-    ("entry", "moment"),
-    [
-        (_entry("payload_mass", "arm", "body", mass=0.3, position=[0.0, 0.0, -0.15]), 0.3 * 0.15),
-        (_entry("mass_scale", "world", "world", factor=1.5), 0.5 * (0.5 * 0.15 + 0.1 * 0.3)),
-    ],
-)
-def test_compensated_gravity_is_that_of_the_known_masses(entry, moment):
-    machine, exported, _ = _exported(GRAVITY_FREE, entry)
+def test_compensated_gravity_is_that_of_the_known_masses():
+    machine, exported, _ = _exported(GRAVITY_FREE, _entry("mass_scale", "world", "world", factor=1.5))
+    moment = 0.5 * (0.5 * 0.15 + 0.1 * 0.3)
     for m in (machine, exported):
         data = mujoco.MjData(m)
         data.qpos[:] = 0.5
@@ -279,9 +296,11 @@ def test_compensated_gravity_is_that_of_the_known_masses(entry, moment):
         assert bias == pytest.approx(9.81 * np.sin(0.5) * moment, rel=1e-3)
 
 
-def test_gravity_is_not_turned_where_the_engine_compensates_it():
+def test_gravity_is_not_changed_where_the_engine_compensates_it():
+    """It does so with the gravity that there is, at the centre of mass wherever that moves."""
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(GRAVITY_FREE)))
-    assert not REGISTRY["gravity_tilt"].places(ctx)
+    for effect in ("gravity_tilt", "payload_mass", "com_offset"):
+        assert not REGISTRY[effect].places(ctx)
     assert {p.kind for p in REGISTRY["external_force"].places(ctx)} == {"body"}
 
 
@@ -313,6 +332,18 @@ def test_the_force_of_a_damper_follows_the_motion():
     xml = f"""<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/>{LINK}</body></worldbody><actuator>
     <damper joint="hinge" kv="1" ctrlrange="0 1"/><motor joint="hinge"/></actuator></mujoco>"""
     assert follows(mujoco.MjModel.from_xml_string(xml)).tolist() == [True, False]
+
+
+def test_measured_forces_of_a_tendons_motor_saturate_after_its_dead_zone():
+    xml = f"""<mujoco><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>{LINK}</body></worldbody>
+    <tendon><fixed name="t"><joint joint="hinge" coef="1"/></fixed></tendon><actuator>
+    <motor name="motor" tendon="t" forcerange="-5 5" forcelimited="true"/></actuator></mujoco>"""
+    model = compile_variable(mujoco.MjSpec.from_string(xml))
+    term, width = Term("actuator_deadzone", Place("actuator", "motor", 0)), np.ones(1)
+    u, zero = np.array([0.5, 3.0, 5.5, 9.0]), np.zeros(4)
+    log = Log("run", zero, u[None], np.arange(4), zero, zero, zero, np.arange(4))
+    force = predict(model, nominal_context(model), Fitted(Hypothesis.of(term), width, width), 0, log, 0.002)
+    np.testing.assert_allclose(force, [0.0, 2.0, 4.5, 5.0])
 
 
 def test_commands_of_integrators_are_left_alone():

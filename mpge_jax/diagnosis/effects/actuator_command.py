@@ -109,11 +109,12 @@ class ActuatorLag(OfCommand):
         # a filter acts a step late
         if a.dyntype != mujoco.mjtDyn.mjDYN_NONE or theta[0] < float(ctx.model.opt.timestep):
             return False
-        before = int((ctx.model.actuator_actnum[: place.index]).sum())
+        states = [x.id for x in spec.actuators if x.dyntype != mujoco.mjtDyn.mjDYN_NONE]
         for key in spec.keys:
-            if len(key.act):
-                held = float(key.ctrl[place.index]) if len(key.ctrl) else 0.0
-                key.act = np.insert(np.array(key.act), before, held)
+            # a keyframe without activations has zeros, which are right where commands are too
+            if len(key.ctrl) and len(key.act) == len(states):
+                before = sum(i < place.index for i in states)
+                key.act = np.insert(np.array(key.act), before, float(key.ctrl[place.index]))
         a.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
         prm = np.array(a.dynprm)
         prm[0] = theta[0]

@@ -61,7 +61,7 @@ class Effect:
     side: str = "mechanical"
     """Where it stands in the chain: mechanical, actuator, or sensor."""
     order: int = 0
-    """Effects of one actuator apply in this order."""
+    """Effects apply in this order."""
     tier: int = 1
     """How plain an explanation it is; among explanations that fit alike, lower tiers are preferred."""
     equation: str = ""

@@ -63,10 +63,9 @@ def add_point_mass(
 class _Inertial(Effect):
     set_const = True
 
-    def _compensated(self, f: Fields, ctx: Context, body: int, share: Array) -> None:
-        """Let a machine's compensation of gravity know the nominal mass of a body only, `share` of the present one."""
-        if ctx.model.body_gravcomp[body] != 0:
-            f.scale("body_gravcomp", (body,), share)
+    def places(self, ctx: Context) -> list[Place]:
+        """Not bodies whose gravity the engine compensates: it does so at the centre of mass, wherever that moves."""
+        return [p for p in super().places(ctx) if p.kind == "world" or ctx.model.body_gravcomp[p.index] == 0]
 
     def _shape(self, ctx: Context, place: Place) -> tuple[np.ndarray, float]:
         """Centre of mass in the body's frame and a size (m) of the body."""
@@ -84,7 +83,7 @@ class PayloadMass(_Inertial):
     id, kinds = "payload_mass", ("body",)
     equation = "a point mass at a position in the body's frame"
     says = "{at} carries {mass} more than the model says, at {position} in its own frame."
-    fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat", "body_gravcomp")
+    fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
     remedy = "hold still in several poses, then move fast in two of them"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -101,12 +100,10 @@ class PayloadMass(_Inertial):
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         b = (place.index,)
-        names = self.fields[:4]
-        mass, ipos, inertia, iquat = (f.get(name, b) for name in names)
+        mass, ipos, inertia, iquat = (f.get(name, b) for name in self.fields)
         new = add_point_mass(f.xp, mass, ipos, inertia, iquat, theta[..., 0], theta[..., 1:4])
-        for name, value in zip(names, new, strict=True):
+        for name, value in zip(self.fields, new, strict=True):
             f.set(name, b, value)
-        self._compensated(f, ctx, place.index, mass / new[0])
 
 
 @register
@@ -126,8 +123,9 @@ class MassScale(_Inertial):
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.scale("body_mass", (slice(None),), theta[..., 0, None])
         f.scale("body_inertia", (slice(None),), theta[..., 0, None, None])
-        for body in range(1, ctx.model.nbody):
-            self._compensated(f, ctx, body, 1.0 / theta[..., 0])
+        for body in map(int, np.flatnonzero(ctx.model.body_gravcomp)):
+            # a compensation of gravity knows the nominal masses only
+            f.scale("body_gravcomp", (body,), 1.0 / theta[..., 0])
 
 
 @register
