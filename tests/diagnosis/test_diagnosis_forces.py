@@ -172,7 +172,7 @@ def test_bodies_actuators_and_the_world_are_located_by_the_joints_on_which_they_
     assert _located(("mass_scale", "world"), joints=joints)[0] == ("world", "world", 40.0)
     both = _located(("coulomb_friction", "elbow"), joints=joints, rivals=[("actuator_gain", "elbow_servo")])
     assert both[:2] == [("elbow", "joint", 40.0), ("elbow_servo", "actuator", 40.0)]
-    drives = SimpleNamespace(errors={"elbow_servo": (0.6, 0.1), "shoulder_motor": (0.1, 0.1)})
+    drives = SimpleNamespace(excess={"elbow_servo": 36.0, "shoulder_motor": 1.0})
     located = _located(joints=joints, actuators=drives)
     assert located[1] == ("elbow_servo", "actuator", pytest.approx(36.0))
     assert located[-1] == ("shoulder_motor", "actuator", pytest.approx(1.0))

@@ -21,7 +21,7 @@ from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.proposals import Problem, proposals
-from mpge_jax.diagnosis.recording import rows_of, validate
+from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.screen import screen
 from mpge_jax.diagnosis.select import NAMED, Search
 from mpge_jax.diagnosis.simulate import MANY_STEPS, Run
@@ -106,7 +106,8 @@ def test_what_a_run_predicts_does_not_depend_on_its_company(elastic):
 def test_a_gap_ends_what_is_followed(elastic):
     source = elastic.train.sources[0]
     kept = np.r_[0:60, 120:200]
-    recording, s = rows_of(source.recording, kept, "cut"), source.states
+    r, s = source.recording, source.states
+    recording = Recording("cut", r.time[kept], r.qpos[kept], None, r.ctrl[kept])
     states = States(s.qpos[kept], s.qvel[kept], s.qacc[kept], s.cov[kept])
     w = cut((Source.build(recording, states, source.command[kept]),), elastic.sim.model, elastic.noise,
             0.25, 99, 0.002, np.random.default_rng(0))  # fmt: skip
