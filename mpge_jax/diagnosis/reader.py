@@ -127,19 +127,18 @@ def read_recording(
     return validate(recording, model, names)
 
 
-def _in_order(path: Path) -> tuple[list[tuple[int, str]], str]:
-    """Sorts names as people count: step_2 before step_10."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(int(p), "") if p.isdecimal() else (-1, p) for p in parts], path.name
+def counted(r: Recording) -> list[tuple[int, str]]:
+    """Sorts recordings as people count: step_2 before step_10."""
+    return [(int(p), "") if p.isdecimal() else (-1, p) for p in re.split(r"(\d+)", r.name)]
 
 
 def find_files(paths: Iterable[str | Path]) -> list[Path]:
-    """Recording files of the given files and folders in the order of their names; others in a folder are left alone."""
+    """Recording files of the given files and folders, sorted by name; other files in a folder are left alone."""
     files: list[Path] = []
     for entry in map(Path, paths):
         if entry.is_dir():
             found = (p for p in entry.iterdir() if p.suffix.lower() in (".npz", ".csv") and p.is_file())
-            inside = sorted(found, key=_in_order)
+            inside = sorted(found)
             if not inside:
                 raise InputError(f"the folder {entry} holds no .npz or .csv file.")
             files += [p for p in inside if p.name != "next_experiment.npz"]
@@ -166,4 +165,7 @@ def load_recordings(
     files = find_files(paths)
     if not files:
         raise InputError("no recording was given.")
-    return chain_transitions([read_recording(p, model, names, columns) for p in files])
+    found = [read_recording(p, model, names, columns) for p in files]
+    if all(r.time.size == 2 for r in found):
+        found = sorted(found, key=counted)
+    return chain_transitions(found)

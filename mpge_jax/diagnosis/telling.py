@@ -10,12 +10,12 @@ SCREEN_WINDOWS = 14
 
 def telling_windows(x: Array, limit: int, rng: np.random.Generator) -> tuple[Array, int]:
     """(indices of at most `limit` windows, how many of them are random): two thirds at random, which come first,
-    then those of the rest where the model misses most, as an effect that acts now and then shows there. x: [W]."""
+    then those where the nominal model misses most, as an effect that acts now and then shows there alone. x: [W]."""
     if x.size <= limit:
         return np.arange(x.size), x.size
-    others = rng.permutation(x.size)[: limit - limit // 3]
-    worst = [k for k in np.argsort(-x, kind="stable") if k not in set(others.tolist())][: limit // 3]
-    return np.concatenate([np.sort(others), np.sort(worst)]).astype(int), others.size
+    worst = np.argsort(-x)[: limit // 3]
+    others = rng.permutation(np.setdiff1d(np.arange(x.size), worst))[: limit - worst.size]
+    return np.concatenate([np.sort(others), np.sort(worst)]), others.size
 
 
 def screen_windows(x: Array, rng: np.random.Generator) -> Array:

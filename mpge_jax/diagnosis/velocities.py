@@ -11,6 +11,8 @@ from mpge_jax.diagnosis.smooth import Series, smooth
 Array = np.ndarray
 LOOKED_AT = 400
 """Rows of a recording that are smoothed to compare velocities with."""
+RESTING = 0.1
+"""Share of its way at its liveliest below which a joint rests."""
 EQUAL, EXACT = 1e-3, 3e-3
 """Velocities within this share of the positions' slope are computed from it; those whose noise is a smaller share of
 their spread are exact, wherever they come from."""
@@ -58,11 +60,12 @@ def wrong(
 
 
 def _liveliest(value: Array) -> slice:
-    """The `LOOKED_AT` rows in a row in which a position changes most."""
+    """The first `LOOKED_AT` rows, or where next to nothing moves in these, those in which a position changes most."""
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(value)))])
     if value.size <= LOOKED_AT:
         return slice(0, value.size)
-    first = int(np.argmax(way[LOOKED_AT - 1 :] - way[: 1 - LOOKED_AT]))
+    moved = way[LOOKED_AT - 1 :] - way[: 1 - LOOKED_AT]
+    first = int(np.argmax(moved)) if moved[0] < RESTING * moved.max() else 0
     return slice(first, first + LOOKED_AT)
 
 

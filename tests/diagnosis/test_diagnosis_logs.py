@@ -19,10 +19,9 @@ from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.next_experiment import _windows
 from mpge_jax.diagnosis.noise import quantum
 from mpge_jax.diagnosis.prepare import prepare
-from mpge_jax.diagnosis.reader import find_files
+from mpge_jax.diagnosis.reader import load_recordings
 from mpge_jax.diagnosis.recording import from_zero, unwrapped, validate
 from mpge_jax.diagnosis.states import estimate
-from mpge_jax.diagnosis.telling import telling_windows
 from mpge_jax.diagnosis.velocities import wrong
 
 SPINNER = """<mujoco><worldbody><body><joint name="hinge" axis="0 0 1"/><geom size=".1"/></body></worldbody></mujoco>"""
@@ -155,21 +154,13 @@ def test_a_short_recording_holds_shorter_windows(seconds):
         assert p.windows(held, 0.5, 10).count >= 1
 
 
-def test_windows_at_random_are_drawn_from_all():
-    x = np.arange(30.0)
-    drawn = [telling_windows(x, 9, np.random.default_rng(k)) for k in range(200)]
-    for index, typical in drawn:
-        assert typical == 6 and index.size == np.unique(index).size == 9
-        rest = np.setdiff1d(np.arange(30), index[:6])
-        np.testing.assert_array_equal(index[6:], rest[-3:])
-    # the worst window is as typical as any other
-    assert 0.1 < np.mean([29 in index[:6] for index, _ in drawn]) < 0.3
-
-
-def test_files_are_read_in_counting_order(tmp_path):
-    for name in ("step_10.npz", "step_2.npz", "step_1.npz", "a.npz"):
-        (tmp_path / name).touch()
-    assert [p.name for p in find_files([tmp_path])] == ["a.npz", "step_1.npz", "step_2.npz", "step_10.npz"]
+def test_transitions_are_joined_in_counting_order(tmp_path):
+    model = mujoco.MjModel.from_xml_string(SPINNER)
+    for k in range(12):
+        q = np.array([[0.1 * k], [0.1 * (k + 1)]])
+        np.savez(tmp_path / f"step_{k}.npz", time=[0.0, 0.01], qpos=q, qvel=0 * q, ctrl=np.zeros((2, 0)))
+    (joined,) = load_recordings([tmp_path], model, names_of(model))
+    np.testing.assert_allclose(joined.qpos[:, 0], 0.1 * np.arange(13))
 
 
 def test_a_map_of_a_stack_of_tables_is_refused(tmp_path):
