@@ -71,20 +71,14 @@ def _began(model: mujoco.MjModel, a: int, recording: Recording) -> float:
     return float(_integrated(model, a, _began(model, a, past), changes)[-1])
 
 
-def moved(model: mujoco.MjModel, a: int, changes: Array, dt: float) -> Array:
+def shifted(model: mujoco.MjModel, a: int, changes: Array, dt: float) -> Array:
     """By how much [n, na] the activation of a filter `a` differs after its last commands differed by `changes` [n, H],
     in steps of `dt`. A muscle's, which is not linear, is left alone."""
     out = np.zeros((len(changes), model.na))
-    adr, kind, ago = (
-        int(model.actuator_actadr[a]),
-        model.actuator_dyntype[a],
-        np.arange(changes.shape[1])[::-1],
-    )
-    if adr < 0:
-        return out
-    if kind == mujoco.mjtDyn.mjDYN_FILTER or kind == mujoco.mjtDyn.mjDYN_FILTEREXACT:
-        decay = np.exp(-dt / max(float(model.actuator_dynprm[a, 0]), 1e-6))
-        out[:, adr] = changes @ ((1.0 - decay) * decay**ago)
+    kind, tau = model.actuator_dyntype[a], time_constants(model)[a]
+    if tau > 0 and kind != mujoco.mjtDyn.mjDYN_MUSCLE:
+        decay, ago = np.exp(-dt / tau), np.arange(changes.shape[1])[::-1]
+        out[:, int(model.actuator_actadr[a])] = changes @ ((1.0 - decay) * decay**ago)
     return out
 
 

@@ -161,16 +161,13 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
                     "parameters": values,
                 }
             )
-            from mpge_jax.diagnosis.words import quantity
+            from mpge_jax.diagnosis.words import clause, quantity
 
             shown = {k: quantity(v) for k, v in reported.items()}
-            out.sentences.append(_between(term.effect.sentence(place, shown)))
+            out.sentences.append(
+                f"Between command and measured force, {clause(term.effect.sentence(place, shown))}."
+            )
     return out
-
-
-def _between(text: str) -> str:
-    lower = text[0].lower() + text[1:] if text.startswith(("The ", "A ")) else text
-    return f"Between command and measured force, {lower}"
 
 
 def _value(value: Any) -> Any:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from mpge_jax.diagnosis.activations import moved
+from mpge_jax.diagnosis.activations import shifted
 from mpge_jax.diagnosis.effects.base import Context, Fields
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import is_scalar
@@ -156,7 +156,7 @@ class Simulator:
             batch.bind("act")[:] = w.act0[window]
             for a, (rows, u) in commands.items():
                 before = u[:, : w.history] - w.command[window[rows], : w.history, a]
-                batch.bind("act")[rows] += moved(m, a, before, w.dt)
+                batch.bind("act")[rows] += shifted(m, a, before, w.dt)
         q, v = self._roll(batch, groups, runs, rows_of, commands, w, window)
         each = m.nv**1.5 * (4 if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 1)
         self.work += n * w.steps * each

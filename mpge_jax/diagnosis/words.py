@@ -71,7 +71,7 @@ def sentence(d: Diagnosis, f: Fitted, term: Term) -> str:
     return text[0].upper() + text[1:]
 
 
-def _clause(text: str) -> str:
+def clause(text: str) -> str:
     """A sentence as a part of another."""
     text = text.removesuffix(".")
     return text[0].lower() + text[1:] if text.startswith(("The ", "A ")) else text
@@ -90,7 +90,7 @@ def explanation(d: Diagnosis) -> str:
     ambiguous = candidates_of(d)
     for term in d.terms:
         if term in ambiguous:
-            options = [_clause(sentence(d, f, _differing(d, f, term))) for f in ambiguous[term]]
+            options = [clause(sentence(d, f, _differing(d, f, term))) for f in ambiguous[term]]
             parts.append(f"The recordings cannot tell which: {', or '.join(options)}.")
         else:
             parts.append(sentence(d, d.fit, term))
