@@ -199,9 +199,9 @@ def write(d: Diagnosis, folder: Path) -> None:
 
     folder.mkdir(parents=True, exist_ok=True)
     d.experiment = design(d, candidates_of(d), folder / "next_experiment.npz")
-    table = diagnosis_table(d)
-    files.write_text(folder / "effects.json", json.dumps(effects_table(d), indent=1, allow_nan=False))
+    table, effects = diagnosis_table(d), effects_table(d)
+    files.write_text(folder / "effects.json", json.dumps(effects, indent=1, allow_nan=False))
     write_models(d, folder)
     figures = draw(d, folder / "figures")
-    files.write_text(folder / "report.html", page(d, table, figures))
+    files.write_text(folder / "report.html", page(d, table, effects, figures))
     files.write_text(folder / "diagnosis.json", json.dumps(table, indent=1, allow_nan=False))

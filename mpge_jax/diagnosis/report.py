@@ -145,13 +145,9 @@ def _ambiguous(d: Diagnosis, table: dict[str, Any]) -> str:
     return "<h2>More than one explanation</h2>" + "".join(parts) if parts else ""
 
 
-def _not_native(d: Diagnosis) -> str:
-    """What the model file cannot hold."""
-    from mpge_jax.diagnosis.export import corrected_spec
-
-    missing = [
-        f"{t.name.replace('_', ' ')} at {t.place.name}" for t, ok in corrected_spec(d)[1].items() if not ok
-    ]
+def _not_native(effects: dict[str, Any]) -> str:
+    """What the model file cannot hold, of the contents of `effects.json`."""
+    missing = [f"{e['id'].replace('_', ' ')} at {e['at']}" for e in effects["effects"] if not e["native"]]
     if not missing:
         return ""
     return (
@@ -194,8 +190,12 @@ def _predicted(d: Diagnosis, table: dict[str, Any]) -> str:
     return f"predicting the motion over windows of {table['fit']['window_s']:.2g} s, open loop"
 
 
-def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:
-    """The whole page; everything that comes from the model or the recordings is escaped."""
+def page(d: Diagnosis, table: dict[str, Any], effects: dict[str, Any], figures: dict[str, Path]) -> str:
+    """The whole page; everything that comes from the model or the recordings is escaped.
+
+    Args:
+        table, effects: the contents of `diagnosis.json` and of `effects.json`.
+    """
     held = table["fit"]["held_out"]
     first, _, rest = table["explanation"].partition(". ")
     lead = first if first.endswith(".") else first + "."
@@ -221,7 +221,7 @@ def page(d: Diagnosis, table: dict[str, Any], figures: dict[str, Path]) -> str:
 <p class="quiet">Root-mean-square error of {_predicted(d, table)}, over {len(held["recordings"])} held-out
 {"recording" if len(held["recordings"]) == 1 else "recordings"}; {escape(noise)}.</p>
 {_table(["joint", "as given", "corrected"], joints)}</div></div>
-{_effects(table)}{_not_native(d)}{_drives(d)}{_ambiguous(d, table)}{_unexplained(table)}
+{_effects(table)}{_not_native(effects)}{_drives(d)}{_ambiguous(d, table)}{_unexplained(table)}
 <h2>Prediction against measurement</h2>{_image(figures["prediction"], "held-out motion, predicted before and after")}
 <div class="row"><div>{_image(figures["errors"], "errors by joint")}</div>
 <div>{_image(figures["location"], "where force is missing")}</div></div>
