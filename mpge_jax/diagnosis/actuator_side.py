@@ -9,8 +9,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.drive_fit import Data, Log, jumps, log_of, residual, search_law, unexplained_drive
-from mpge_jax.diagnosis.drives import drive_by_force, servo_jumps
+from mpge_jax.diagnosis.between_rows import Law, nominal
+from mpge_jax.diagnosis.drive_fit import Data, Log, between, log_of, residual, search_law, unexplained_drive
+from mpge_jax.diagnosis.drives import drive_by_force
 from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.fit import timing_error
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
@@ -47,9 +48,9 @@ class ActuatorSide:
 
     def between_rows(
         self, plain: mujoco.MjModel
-    ) -> tuple[set[int], dict[int, float], Callable[[Source], Array]]:
-        """Actuators whose force lags behind the command; those with back-EMF, with their force per command; and by how
-        much the forces jump at each row [T, nu] as its command does."""
+    ) -> tuple[set[int], dict[int, float], Callable[[Source], Law]]:
+        """Actuators whose force lags behind the command; those with back-EMF, with their force per command; and the
+        law of the servos between the rows of a recording."""
         lag: set[int] = set()
         back_emf: dict[int, float] = {}
         found: dict[int, Fitted] = {}
@@ -63,12 +64,13 @@ class ActuatorSide:
                 gain = float(parts["actuator_gain"][1][0]) if "actuator_gain" in parts else 1.0
                 back_emf[a] = gain * float(self.ctx.model.actuator_gainprm[a, 0])
 
-        def of(source: Source) -> Array:
-            out = servo_jumps(source.recording, source.states, plain)
+        def of(source: Source) -> Law:
+            out = nominal(source.recording, source.states, plain)
             for a, f in found.items():
-                if out[:, a].any():
-                    late = {t.name for t in f.hypothesis.terms} & LATE
-                    out[:, a] = 0.0 if late else jumps(plain, self.ctx, f, a, source)
+                if out.jumps[:, a].any():
+                    out.jumps[:, a], out.slopes[:, a] = between(plain, self.ctx, f, a, source)
+                    if {t.name for t in f.hypothesis.terms} & LATE:
+                        out.jumps[:, a] = 0.0
             return out
 
         return lag, back_emf, of

@@ -27,6 +27,8 @@ timestep a force was measured."""
 MISSED = 0.1
 """Share of an actuator's largest forces, and of what the nominal law misses, that a law must miss (root mean square)
 for something to be left."""
+NEAR = 1e-6
+"""Length and speed by which a law is probed for its slopes."""
 PAUSE = 2.0
 """Seconds that a gap in a log counts for at most."""
 WORST = 8
@@ -92,19 +94,24 @@ def log_of(source: Source, ctx: Context, actuator: int, dt: float, first_block: 
     )
 
 
-def jumps(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, source: Source) -> Array:
-    """By how much [T] a force under the law `f`, which knows no delay, jumps at each row as its command does."""
+def between(
+    model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, source: Source
+) -> tuple[Array, Array]:
+    """`between_rows.Law` of one actuator under the law `f`, which knows no delay: by how much its force jumps at each
+    row as its command does [T], and its slopes [T, 2]."""
     r = source.recording
     sent = clipped(model, r.known("ctrl"))[:, actuator]
     length, speed = stroke(model, actuator, source.states)
     rows = np.arange(r.time.size)
 
-    def force(u: Array) -> Array:
-        log = Log(r.name, r.time, u[None], rows, np.zeros(rows.size), length, speed, rows)
+    def force(u: Array, further: float = 0.0, faster: float = 0.0) -> Array:
+        log = Log(r.name, r.time, u[None], rows, np.zeros(rows.size), length + further, speed + faster, rows)
         return predict(model, ctx, f, actuator, log, ctx.period)
 
-    jump = force(sent) - force(np.concatenate([sent[:1], sent[:-1]]))
-    return np.where(np.isfinite(r.known("force")[:, actuator]), jump, 0.0)
+    now = force(sent)
+    jump = now - force(np.concatenate([sent[:1], sent[:-1]]))
+    slopes = np.stack([force(sent, further=NEAR) - now, force(sent, faster=NEAR) - now], 1) / NEAR
+    return np.where(np.isfinite(r.known("force")[:, actuator]), jump, 0.0), slopes
 
 
 def predict(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, log: Log, dt: float) -> Array:

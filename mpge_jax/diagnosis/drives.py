@@ -8,7 +8,6 @@ import numpy as np
 from mpge_jax.diagnosis.model import clipped, has_plain_law, is_joint_transmission
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.states import States
-from mpge_jax.diagnosis.windows import Source
 
 
 def measured_forces(recordings: list[Recording], model: mujoco.MjModel) -> np.ndarray:
@@ -55,31 +54,6 @@ def follows(model: mujoco.MjModel) -> np.ndarray:
     moving = model.actuator_biastype != mujoco.mjtBias.mjBIAS_NONE
     moving |= model.actuator_gaintype != mujoco.mjtGain.mjGAIN_FIXED
     return moving | (model.actuator_dyntype != mujoco.mjtDyn.mjDYN_NONE)
-
-
-def source_of(r: Recording, states: States, plain: mujoco.MjModel, measured: np.ndarray) -> Source:
-    """A recording with what drives the machine: commands, or forces where they were measured."""
-    command = driving(r, plain, measured)
-    smooth = command - np.cumsum(servo_jumps(r, states, plain), axis=0)
-    late = np.where(measured, 0.0, plain.actuator_delay)
-    return Source.build(r, states, command, np.where(measured & follows(plain), smooth, 0.0), late=late)
-
-
-def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> np.ndarray:
-    """[T, nu] by how much a servo's force jumps at each row as its command does.
-
-    Between rows the command is held and the force follows the motion alone, so a straight line from one measured force
-    to the next would let the servo know its next command half a row early.
-    """
-    out = np.zeros((r.time.size, plain.nu))
-    if r.ctrl is None:
-        return out
-    before = np.concatenate([r.ctrl[:1], r.ctrl[:-1]])
-    for a in range(plain.nu):
-        if is_servo(plain, a):
-            out[:, a] = plain_force(plain, a, r.ctrl, states) - plain_force(plain, a, before, states)
-    # a force that was not measured is a straight line between its neighbours
-    return np.where(np.isfinite(r.known("force")), out, 0.0)
 
 
 def is_servo(plain: mujoco.MjModel, a: int) -> bool:

@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.screen import ELABORATE
 from mpge_jax.diagnosis.select import SIGNIFICANT, SMALL, Search
 from mpge_jax.diagnosis.simulate import Run
-from mpge_jax.diagnosis.whiten import Whitener, numerics, whitener
+from mpge_jax.diagnosis.whiten import INTEGRATOR, Whitener, numerics, whitener
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
@@ -89,7 +89,7 @@ def refined(s: Search, f: Fitted, w: Windows) -> Fitted:
 
 
 def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
-    """Add to the covariance the parameters' shifts by `numerics`: finer steps and late commands.
+    """Add to the covariance the parameters' shifts by `numerics`: finer steps, late commands, older forces.
 
     A semi-implicit step acts half a timestep early, which the fit takes for physics (a delay too long by that
     much); the noise says nothing about it. Each shift is one Gauss-Newton step. Times also carry `timing_error`.
@@ -99,7 +99,9 @@ def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
     white = whitener(s.sim, f.hypothesis, f.theta, w, s.noise)
     residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
     shift = timing_error(f.hypothesis.params(s.sim.ctx), f.theta, w.dt)
-    for change in numerics(s.sim, f.hypothesis, f.theta, w)[:2]:
+    for what, change in numerics(s.sim, f.hypothesis, f.theta, w).items():
+        if what == INTEGRATOR:
+            continue
         shift = np.hypot(shift, gauss_newton_shift(s.sim, f, w, white, white(residual + change)))
     return replace(f, cov=_widened(f.cov, shift))
 

@@ -16,7 +16,16 @@ from mpge_jax.diagnosis.scored import Scored
 from mpge_jax.diagnosis.select import Search
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.verdict import LEFT, Errors, active_dofs, errors, excess_by_dof, noise_floor
-from mpge_jax.diagnosis.whiten import NUISANCE, Whitener, column_scale, numerics, whitener
+from mpge_jax.diagnosis.whiten import (
+    INTEGRATOR,
+    LATE,
+    NUISANCE,
+    STEP,
+    Whitener,
+    column_scale,
+    numerics,
+    whitener,
+)
 from mpge_jax.diagnosis.windows import Windows
 
 TRAIN, HELD = 40, 60
@@ -24,12 +33,12 @@ TRAIN, HELD = 40, 60
 SURE, MOST = 6.0, 3.0
 """Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
 they may be."""
-NUMERICS = (
-    "the recordings move as with a finer timestep than the model's",
-    "commands act at another moment within a timestep than the model has it",
-    "the recordings move as with another integrator than the model's",
-)
-"""What `numerics` are, in their order. With Runge-Kutta the first is another integrator, and there is no third."""
+NUMERICS = {
+    STEP: "the recordings move as with a finer timestep than the model's",
+    LATE: "commands act at another moment within a timestep than the model has it",
+    INTEGRATOR: "the recordings move as with another integrator than the model's",
+}
+"""What is said of `numerics` where they are seen; of Runge-Kutta the first is another integrator too."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +147,7 @@ def note_numerics(p: Prepared, f: Fitted, w: Windows) -> None:
     flat = white(residual)
     changes = numerics(p.sim, f.hypothesis, f.theta, w)
     weight = 1.0 / (1.0 + white.excess(flat) / 5.0)
-    columns = np.stack([white(residual + change) - flat for change in changes])
+    columns = np.stack([white(residual + change) - flat for change in changes.values()])
     gram = np.einsum("w,pwm,qwm->pq", weight, columns, columns, optimize=True)
     inverse = np.linalg.pinv(gram, hermitian=True)
     amount = -inverse @ np.einsum("w,pwm,wm->p", weight, columns, flat, optimize=True)
@@ -147,13 +156,13 @@ def note_numerics(p: Prepared, f: Fitted, w: Windows) -> None:
     # misfit comes by the window
     variance = np.maximum(np.diag(inverse), np.diag(inverse @ scores.T @ scores @ inverse))
     seen = np.isfinite(residual[..., :nv])
-    whats = NUMERICS if len(changes) == len(NUMERICS) else (NUMERICS[2], NUMERICS[1])
-    for k, (change, what) in enumerate(zip(changes, whats, strict=True)):
+    for k, (kind, change) in enumerate(changes.items()):
         moved = np.where(seen, amount[k] * np.nan_to_num(change[..., :nv]), 0.0)
         size = np.sqrt((moved**2).sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1))
         matters = bool((size > column_scale(p.noise, p.model)[:nv])[seen.any((0, 1))].any())
         sure = amount[k] > SURE * np.sqrt(max(variance[k], 0.0)) and amount[k] < MOST * NUISANCE
-        if sure and matters:
+        if sure and matters and kind in NUMERICS:
+            what = NUMERICS[kind if INTEGRATOR in changes or kind == LATE else INTEGRATOR]
             p.warnings.append(
                 f"{what}: {size.max():.1g} rad or m (rms, at the joint where it is most) over {w.times.max():.2g} s. "
                 "This is taken into account and is not counted as missing physics."

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.activations import settling
+from mpge_jax.diagnosis.between_rows import Law, bends, source_of
 from mpge_jax.diagnosis.candidates import all_terms
 from mpge_jax.diagnosis.checks import (
     check_base,
@@ -22,7 +23,7 @@ from mpge_jax.diagnosis.clock import at_their_stamps
 from mpge_jax.diagnosis.coarse import as_large_as_motion, bound, holds_states, is_coarse, states_as_measured
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.context import build_context
-from mpge_jax.diagnosis.drives import drive_by_force, follows, measured_forces, source_of
+from mpge_jax.diagnosis.drives import drive_by_force, follows, measured_forces
 from mpge_jax.diagnosis.effects.base import Context
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.model import Names, clipped, compile_variable, load_spec, names_of
@@ -86,27 +87,29 @@ def with_drives(
     plain: mujoco.MjModel,
     lag: set[int],
     back_emf: dict[int, float],
-    jumps: Callable[[Source], np.ndarray],
+    law: Callable[[Source], Law],
     age: dict[int, float] | None = None,
 ) -> Prepared:
     """The same with measured forces read as what drives them makes of them: a lagging motor's force is not held
     between rows, nor is the part of a motor's force that its speed takes away.
 
     Args:
-        plain: the nominal model. lag: actuators. back_emf: actuator -> force per command. jumps: by how much the forces
-            jump at each row [T, nu] (see `servo_jumps`). age: actuator -> `staleness` (s).
+        plain: the nominal model. lag: actuators. back_emf: actuator -> force per command. law: of the
+            servos, for one recording. age: actuator -> `staleness` (s).
     """
     continuous = follows(plain)
     continuous[list(lag)] = True
     ages = np.array([(age or {}).get(a, 0.0) for a in range(plain.nu)])
 
     def again(s: Source) -> Source:
-        smooth = np.where(p.measured & continuous, s.command - np.cumsum(jumps(s), axis=0), 0.0)
+        between = law(s)
+        smooth = np.where(p.measured & continuous, s.command - np.cumsum(between.jumps, axis=0), 0.0)
         for a, gain in back_emf.items():
             if not continuous[a]:
                 held = gain * np.nan_to_num(clipped(plain, s.recording.known("ctrl"))[:, a])
                 smooth[:, a] = s.command[:, a] - held
-        return Source.build(s.recording, s.states, s.command, smooth, ages, late=s.late)
+        bend = bends(plain, s.recording, s.states, smooth, between)
+        return Source.build(s.recording, s.states, s.command, smooth, ages, late=s.late, bend=bend)
 
     return replace(
         p,

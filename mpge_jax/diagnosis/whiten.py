@@ -24,8 +24,10 @@ from mpge_jax.diagnosis.windows import Windows
 Array = np.ndarray
 KAPPA = 5.0
 NUISANCE = 3.0
+STEP, LATE, INTEGRATOR, OLDER = "timestep", "late commands", "integrator", "older forces"
+"""What changes motion and is no physics (see `numerics`)."""
 INEXACT = 0.03
-"""Share of what the timestep changes (the first nuisance direction) that follows no direction: where drives saturate or
+"""Share of what the timestep changes that follows no direction: where drives saturate or
 starts are uncertain, it is not linear. It counts as noise."""
 _CAP = 1e8
 
@@ -110,22 +112,22 @@ def whitener(
     theta: Array,
     w: Windows,
     noise: Noise,
-    nuisance: list[Array] | None = None,
+    nuisance: dict[str, Array] | None = None,
     temper: bool = True,
 ) -> Whitener:
     """Whitener of windows `w` around a hypothesis.
 
     Args:
-        nuisance: residual-shaped directions [W, N, 2 nv], as `numerics` gives them. temper: enlarge sigma to the
+        nuisance: `numerics`. temper: enlarge sigma to the
             hypothesis's own misfit.
     """
     scale, inexact = column_scale(noise, sim.model), False
     if nuisance:
-        change = np.nan_to_num(nuisance[0])
+        change = np.nan_to_num(nuisance[STEP])
         # where it crosses zero, what is unknown of it does not
         change = np.maximum(np.abs(change), np.sqrt((change**2).mean(1, keepdims=True)))
         unknown = INEXACT * change
-        compared = np.isfinite(nuisance[0]) & np.isfinite(scale)
+        compared = np.isfinite(nuisance[STEP]) & np.isfinite(scale)
         inexact = bool(compared.any() and (unknown > scale)[compared].mean() > 0.5)
         scale = np.hypot(scale, unknown)
     res = sim.residuals(start_runs(hypothesis, theta, w), w)
@@ -138,7 +140,8 @@ def whitener(
     columns = np.clip(columns, -_CAP, _CAP)
     stack = [KAPPA * columns]
     if nuisance:
-        extra = [np.where(seen & np.isfinite(d), d / scale, 0.0).reshape(1, w.count, -1) for d in nuisance]
+        changes = (np.where(seen & np.isfinite(d), d / scale, 0.0) for d in nuisance.values())
+        extra = [x.reshape(1, w.count, -1) for x in changes]
         stack += [NUISANCE * np.clip(e, -_CAP, _CAP) for e in extra]
     u = np.moveaxis(np.concatenate(stack), 0, -1)
     basis, singular, _ = np.linalg.svd(u, full_matrices=False)
@@ -164,23 +167,29 @@ def whitener(
     return white
 
 
-def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> list[Array]:
+def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> dict[str, Array]:
     """Changes of the residuals [W, N, 2 nv] by what is no physics.
 
-    The timestep is halved (of Runge-Kutta, which that does not change: replaced by semi-implicit steps of a quarter),
-    the commands act an eighth of a timestep later, and explicit steps are made implicit in the velocity or the other
-    way round (not of Runge-Kutta), which moves stiff servos and strong damping otherwise than a timestep does.
+    STEP: the timestep is halved (of Runge-Kutta, which that does not change: replaced by semi-implicit steps of a
+    quarter). LATE: the commands act an eighth of a timestep later. INTEGRATOR: explicit steps are made implicit in the
+    velocity or the other way round (not of Runge-Kutta), which moves stiff servos and strong damping otherwise than a
+    timestep does. OLDER: servos' forces that act late do so by a tenth more.
     """
     run, kind = [Run(hypothesis, theta)], mujoco.mjtIntegrator
     plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(w.dt / 8)))
+    out, euler = {}, sim.model.opt.integrator == kind.mjINT_EULER
     if sim.model.opt.integrator == kind.mjINT_RK4:
         with sim.integrator(kind.mjINT_EULER):
-            return [sim.residuals(run, w.refined(4))[0] - plain, late - plain]
-    finer = sim.residuals(run, w.refined(2))[0]
-    explicit = sim.model.opt.integrator == kind.mjINT_EULER
-    with sim.integrator(kind.mjINT_IMPLICITFAST if explicit else kind.mjINT_EULER):
-        other = sim.residuals(run, w)[0]
-    return [finer - plain, late - plain, other - plain]
+            out[STEP] = sim.residuals(run, w.refined(4))[0] - plain
+    else:
+        out[STEP] = sim.residuals(run, w.refined(2))[0] - plain
+        with sim.integrator(kind.mjINT_IMPLICITFAST if euler else kind.mjINT_EULER):
+            out[INTEGRATOR] = sim.residuals(run, w)[0] - plain
+    out[LATE] = late - plain
+    older = w.older(1.1)
+    if older is not None:
+        out[OLDER] = sim.residuals(run, older)[0] - plain
+    return out
 
 
 def robust_loss(x: Array) -> Array:

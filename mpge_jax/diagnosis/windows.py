@@ -26,7 +26,9 @@ class Source:
     Attributes:
         command: [T, nu] what drives the actuators (commands, or measured forces).
         smooth: [T, nu] the part of it that changes between rows and is not held.
-        integral: [T, nu] its running integral, for means over steps.
+        integral: [T, nu] its running integral, for means over steps. ramp, bend: [T - 1, nu] by how much it changes
+            between two rows, and its second derivative there.
+        age: [nu] s by which `smooth` acts late.
         activation: [na] of the actuators' filters at the first row, where it is known.
         late: [nu] s by which commands act late in the model itself.
     """
@@ -36,6 +38,9 @@ class Source:
     command: Array
     smooth: Array
     integral: Array
+    ramp: Array
+    bend: Array
+    age: Array
     activation: Array | None = None
     late: Array | None = None
 
@@ -48,28 +53,50 @@ class Source:
         age: Array | None = None,
         activation: Array | None = None,
         late: Array | None = None,
+        bend: Array | None = None,
     ) -> Source:
         """`smooth` [T, nu]: the part of the command that changes between rows (all of a servo's measured force) and
-        is not held; it acts `age` [nu] (s) late."""
+        is not held; it acts `age` [nu] (s) late, and bends there (see `between_rows.bends`)."""
         smooth = np.zeros_like(command) if smooth is None else smooth
         t, aged = recording.time, smooth.copy()
-        for a, old in enumerate(np.zeros(0) if age is None else age):
+        age = np.zeros(command.shape[1]) if age is None else age
+        for a, old in enumerate(age):
             aged[:, a] = np.interp(t - old, t, smooth[:, a])
-        mean = (command - smooth)[:-1] + 0.5 * (aged[:-1] + aged[1:])
-        steps = np.diff(recording.time)[:, None] * mean
-        integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(steps, 0)])
-        return Source(recording, states, command, smooth, integral, activation, late)
+        h, ramp = np.diff(recording.time)[:, None], np.diff(aged, axis=0)
+        bend = np.zeros_like(ramp) if bend is None else bend
+        mean = (command - smooth + aged)[:-1] + 0.5 * ramp - h**2 / 12 * bend
+        integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(h * mean, 0)])
+        return Source(recording, states, command, smooth, integral, ramp, bend, age, activation, late)
+
+    def older(self, factor: float) -> Source:
+        """The same with `age` times `factor`."""
+        return Source.build(
+            self.recording, self.states, self.command, self.smooth, factor * self.age, self.activation, self.late,
+            self.bend,
+        )  # fmt: skip
 
     def mean_command(self, edges: Array) -> Array:
         """Mean command [L, nu] over the steps between consecutive times `edges` [L + 1]."""
         t, out = self.recording.time, np.empty((edges.size - 1, self.command.shape[1]))
         for a in range(self.command.shape[1]):
             sent = edges if self.late is None else edges - self.late[a]
-            value = np.interp(sent, t, self.integral[:, a])
+            value = self._integral_at(sent, a)
             value += np.minimum(sent - t[0], 0.0) * self.command[0, a]
             value += np.maximum(sent - t[-1], 0.0) * self.command[-1, a]
             out[:, a] = np.diff(value) / np.diff(edges)
         return out
+
+    def _integral_at(self, times: Array, a: int) -> Array:
+        """Integral of one command up to any times (as at the ends before and after the recording)."""
+        t = self.recording.time
+        value = np.interp(times, t, self.integral[:, a])
+        if self.ramp[:, a].any() or self.bend[:, a].any():
+            i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, t.size - 2)
+            h = t[i + 1] - t[i]
+            s = np.clip((times - t[i]) / h, 0.0, 1.0)
+            value -= 0.5 * h * self.ramp[i, a] * s * (1 - s)
+            value += h**3 / 12 * self.bend[i, a] * s * (1 - s) * (1 - 2 * s)
+        return value
 
     def state_at(self, times: Array, qadr: int, dof: int) -> tuple[Array, Array]:
         """Smoothed position and velocity of one scalar joint at any times (cubic Hermite)."""
@@ -138,6 +165,13 @@ class Windows:
         """The same windows with commands that act later."""
         grid = self.dt * np.arange(-self.history, self.steps + 1) - seconds
         return replace(self, command=self._commands(grid))
+
+    def older(self, factor: float) -> Windows | None:
+        """The same windows with servos' forces `factor` times as old; None where none has an age."""
+        if not any(s.age.any() for s in self.sources):
+            return None
+        w = replace(self, sources=tuple(s.older(factor) for s in self.sources))
+        return replace(w, command=w._commands(self.dt * np.arange(-self.history, self.steps + 1)))
 
     def before(self, qadr: int, dof: int) -> tuple[Array, Array, Array]:
         """How one scalar joint came to the starts.
