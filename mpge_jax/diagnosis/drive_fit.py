@@ -122,7 +122,7 @@ def predict(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, log: 
     u = log.u
     for term, theta in parts:
         if term.effect.commands:
-            u = term.effect.timeline(ctx, term.place, theta, u, dt)
+            u = term.effect.sampled(ctx, term.place, theta, u, dt)
         term.effect.model(table, ctx, term.place, theta)
     command = u[0][log.at]
     # an effect may add to what was clipped already

@@ -91,17 +91,20 @@ class ActuatorLag(OfCommand):
         return mean, u + (memory - u) * decay
 
     def timeline(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+        T = theta[:, :1]
+        return u + (self.sampled(ctx, place, theta, u, dt) - u) * (1 - np.exp(-dt / T)) * T / dt
+
+    def sampled(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         # the recursion of `command` as a linear filter, once per distinct time constant
         out = np.empty_like(u)
         for T in np.unique(theta[:, 0]):
             rows = theta[:, 0] == T
             decay = np.exp(-dt / T)
-            share = (1 - decay) * T / dt
             start = u[rows, :1]
             state, _ = lfilter(
                 [0.0, 1 - decay], [1.0, -decay], u[rows] - start, axis=1, zi=np.zeros((rows.sum(), 1))
             )
-            out[rows] = u[rows] + (state + start - u[rows]) * share
+            out[rows] = state + start
         return out
 
     def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:

@@ -136,6 +136,10 @@ class Effect:
             out[:, k], memory = self.command(np, theta, u[:, k], memory, dt)
         return out
 
+    def sampled(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+        """As `timeline`, at the beginnings of the steps instead of over them."""
+        return self.timeline(ctx, place, theta, u, dt)
+
     def sense(self, theta: Array) -> tuple[Array | float, Array | float]:
         """(offset, delay) of the measured position of the place's joint."""
         return 0.0, 0.0
