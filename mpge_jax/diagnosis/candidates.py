@@ -17,8 +17,9 @@ EXCLUSIVE = (
         "asymmetric_friction",
     ),
     ("viscous_damping", "viscous_damping:explicit"),
-    ("actuator_gain", "dead_actuator"),
-    ("actuator_bias", "actuator_bias:reclipped"),
+    ("actuator_gain", "actuator_gain:limited", "dead_actuator"),
+    ("actuator_bias", "actuator_bias:limited", "actuator_bias:reclipped"),
+    ("actuator_deadzone", "actuator_deadzone:limited"),
     ("backlash", "joint_flexibility"),
 )
 """Effects of which a place has at most one."""

@@ -24,9 +24,11 @@ MAX_EFFECTS = 3
 DETAIL, FEW = 0.02, 5
 """Share of an actuator's largest forces by which an effect must change so many: less is a matter of when within a
 timestep a force was measured."""
-MISSED = 0.1
-"""Share of an actuator's largest forces, and of what the nominal law misses, that a law must miss (root mean square)
+MISSED, SEEN = 0.1, 0.01
+"""Share of what the nominal law misses, and of an actuator's largest forces, that a law must miss (root mean square)
 for something to be left."""
+RARE = 0.1
+"""Share of the blocks, those that are missed most, that do not count for that."""
 NEAR = 1e-6
 """Length and speed by which a law is probed for its slopes."""
 PAUSE = 2.0
@@ -179,13 +181,19 @@ def outside(model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, log: Log, dt
 def unexplained_drive(
     model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, d: Data
 ) -> dict[str, Any] | None:
-    """The `unexplained` entry of a drive whose held-out forces `f` misses, whatever the timing, by more than noise and
-    by much of the force and of what the nominal law misses."""
+    """The `unexplained` entry of a drive whose held-out forces `f` misses, whatever the timing, by more than noise
+    and by much of what the nominal law misses."""
     missed = [outside(model, ctx, f, a, log, d.dt) for log in d.held]
     nominal = np.concatenate([log.force - predict(model, ctx, NOTHING, a, log, d.dt) for log in d.held])
     before = max(float(np.mean(nominal**2)), 1e-300)
-    left = float(np.mean(np.concatenate(missed) ** 2)) - d.sigma**2
-    if left < max(MISSED * float(ctx.drive[a]), MISSED * np.sqrt(before), 2.0 * d.sigma) ** 2:
+    # what a moment shows alone (the start of a log, a limit that is reached once) is no law
+    by_block = np.sort(_blocks(np.concatenate(missed), d.held))
+    left = (
+        float(np.mean(by_block[: -max(1, int(RARE * by_block.size))])) - d.sigma**2
+        if by_block.size > 1
+        else 0.0
+    )
+    if left < max(SEEN * float(ctx.drive[a]), MISSED * np.sqrt(before), 2.0 * d.sigma) ** 2:
         return None
     parts = []
     for log, miss in zip(d.held, missed, strict=True):

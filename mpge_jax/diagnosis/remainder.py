@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.model import is_scalar
+from mpge_jax.diagnosis.model import is_joint_transmission, is_scalar, moments
 from mpge_jax.diagnosis.parameters import number
-from mpge_jax.diagnosis.verdict import active_dofs, excess_by_dof
+from mpge_jax.diagnosis.verdict import active_dofs, excess_by_dof, explained_along
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.prepare import Prepared
@@ -21,12 +22,33 @@ ELSEWHERE = 3.0
 """By how much clearer missing force (`excess_by_dof`) must be at a floating base than at any joint for its body to be
 the place."""
 
+ALONG, DIFFERENT = 0.5, 25.0
+"""Share of the missing force's chi^2 that may be left, and of what any other actuator or joint would leave, where one
+actuator's force is to explain it; and by how much chi^2 it must be better than they."""
+
 
 def _rank_correlation(a: Array, b: Array) -> float:
     if a.size < 5 or np.ptp(a) == 0 or np.ptp(b) == 0:
         return 0.0
     ra, rb = (np.argsort(np.argsort(x)).astype(float) for x in (a, b))
     return float(np.corrcoef(ra, rb)[0, 1])
+
+
+def _drive(p: Prepared, s: Search, best: Scored, white: Whitener) -> int | None:
+    """The actuator, of those that drive no single joint (rotors), along which nearly all of the missing force lies."""
+    m, w = p.model, s.train
+    several = [a for a in range(m.nu) if not is_joint_transmission(m, a)]
+    if not several or not w.count:
+        return None
+    data, along = mujoco.MjData(m), np.zeros((w.count, m.nu + m.nv, m.nv))
+    for k in range(w.count):
+        data.qpos[:] = w.q0[k]
+        mujoco.mj_fwdPosition(m, data)
+        along[k] = np.concatenate([moments(m, data), np.eye(m.nv)])
+    explained, whole = explained_along(s.sim, best.fit, w, white, along)
+    first = max(several, key=lambda a: explained[a])
+    left, other = whole - explained[first], whole - np.delete(explained, first).max()
+    return first if left < ALONG * whole and left + DIFFERENT < ALONG * other else None
 
 
 def describe(
@@ -46,6 +68,8 @@ def describe(
     if base and total[base].max() > ELSEWHERE * total[order[0]]:
         order = [base[int(np.argmax(total[base]))]]
         at = [p.names.bodies[int(p.model.dof_bodyid[order[0]])]]
+    drive = _drive(p, s, best, whites[0])
+    at = at if drive is None else [p.names.actuators[drive]]
     w, worst = s.train, order[0]
     joint = int(p.model.dof_jntid[worst])
     size = np.abs(force[:, worst])

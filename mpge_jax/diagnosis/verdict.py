@@ -65,19 +65,45 @@ def excess_by_dof(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> tup
     In every window a constant generalised force is estimated from the whitened residual; its square over its
     variance, averaged over windows, is one when noise alone acts.
     """
-    nv = sim.model.nv
-    scale = np.maximum(sim.ctx.torque, 1e-9) * 0.02
-    runs = [Run(f.hypothesis, f.theta)]
-    runs += [Run(f.hypothesis, f.theta, push=(d, float(scale[d]))) for d in range(nv)]
-    flat = white(sim.residuals(runs, w))
-    columns = np.moveaxis(flat[1:] - flat[0], 0, -1)  # [W, M, nv]
-    gram = np.einsum("wmi,wmj->wij", columns, columns) + 1e-12 * np.eye(nv)
-    push = -np.einsum("wmi,wm->wi", columns, flat[0])
+    scale = _pushes(sim)
+    gram, push = _normal_equations(sim, f, w, white)
     inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
     estimate = np.einsum("wij,wj->wi", inverse, push)
     variance = np.maximum(np.einsum("wii->wi", inverse), 1e-300)
     ratio = np.minimum(estimate**2 / variance, 1e6)
     return ratio.mean(0), estimate * scale
+
+
+def explained_along(
+    sim: Simulator, f: Fitted, w: Windows, white: Whitener, directions: Array
+) -> tuple[Array, float]:
+    """chi^2 that missing force along each direction explains [k], and that missing force of any direction does.
+
+    Args:
+        directions: [W, k, nv] generalised forces; their length does not matter.
+    """
+    gram, push = _normal_equations(sim, f, w, white)
+    whole = np.einsum("wi,wij,wj->", push, np.linalg.pinv(gram, rcond=1e-10, hermitian=True), push)
+    unit = directions / _pushes(sim)
+    along = np.einsum("wki,wi->wk", unit, push) ** 2
+    cost = np.einsum("wki,wij,wkj->wk", unit, gram, unit)
+    return (along / np.maximum(cost, 1e-300)).sum(0), float(whole)
+
+
+def _pushes(sim: Simulator) -> Array:
+    """Small generalised forces [nv], by which windows are probed."""
+    return np.maximum(sim.ctx.torque, 1e-9) * 0.02
+
+
+def _normal_equations(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> tuple[Array, Array]:
+    """Gram matrices [W, nv, nv] of constant forces, in units of `_pushes`, and what they meet of residuals [W, nv]."""
+    nv = sim.model.nv
+    runs = [Run(f.hypothesis, f.theta)]
+    runs += [Run(f.hypothesis, f.theta, push=(d, float(x))) for d, x in enumerate(_pushes(sim))]
+    flat = white(sim.residuals(runs, w))
+    columns = np.moveaxis(flat[1:] - flat[0], 0, -1)  # [W, M, nv]
+    gram = np.einsum("wmi,wmj->wij", columns, columns) + 1e-12 * np.eye(nv)
+    return gram, -np.einsum("wmi,wm->wi", columns, flat[0])
 
 
 def active_dofs(model: mujoco.MjModel) -> list[int]:

@@ -29,6 +29,7 @@ VALUES = {
     "payload_mass": [0.2, 0.02, 0.01, -0.3], "mass_scale": [1.3], "com_offset": [0.02, 0.0, 0.03],
     "gravity_tilt": [0.1, -0.05], "external_force": [0.4, 0.0, -0.3], "contact_friction": [0.3],
     "load_dependent_friction:gear": [0.02, 0.1], "viscous_damping:explicit": [0.08], "actuator_bias:reclipped": [0.2],
+    "actuator_gain:limited": [1.6], "actuator_bias:limited": [0.2], "actuator_deadzone:limited": [0.1],
     "contact_stiffness": [0.05], "encoder_offset": [0.04], "sensor_delay": [0.005],
 }  # fmt: skip
 # Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
@@ -46,6 +47,8 @@ def model_for(effect_id: str) -> str:
     """A machine on which the effect can act."""
     if effect_id == "viscous_damping:explicit":
         return PENDULUM.replace('timestep="0.002"', 'timestep="0.008"')
+    if effect_id.endswith(":limited"):
+        return PENDULUM.replace("<motor ", '<motor forcerange="-0.5 0.5" ')
     return BOX if effect_id in CONTACT else PENDULUM
 
 
@@ -108,7 +111,7 @@ def test_native_export_moves_like_the_effect(effect_id):
     if not m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0]):
         assert effect_id in (
             "stribeck_friction", "load_dependent_friction", "load_dependent_friction:gear", "asymmetric_friction",
-            "cogging_torque", "backlash", "actuator_bias:reclipped",
+            "cogging_torque", "backlash", "actuator_bias:reclipped", "actuator_deadzone:limited",
             "joint_flexibility", "actuator_deadzone", "external_force", "encoder_offset", "sensor_delay",
         )  # fmt: skip
         return

@@ -12,8 +12,9 @@ from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.between_rows import servo_jumps
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
+from mpge_jax.diagnosis.drive_fit import Log, predict
 from mpge_jax.diagnosis.drives import plain_force
-from mpge_jax.diagnosis.effects.base import REGISTRY, Place
+from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
 from mpge_jax.diagnosis.fit import fit
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
@@ -207,8 +208,38 @@ def test_a_drive_that_no_law_explains_is_unexplained(unknown):
     spec = mujoco.MjSpec.from_string(SERVO)
     plain = compile_variable(spec)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    found = diagnose_actuators(p, plain, ["actuator_gain", "actuator_lag"])
-    assert [t.id for f in found.fits for t in f.hypothesis.terms] == ["actuator_gain"]
+    found = diagnose_actuators(p, plain, ["actuator_gain", "actuator_gain:limited", "actuator_lag"])
+    assert [t.name for f in found.fits for t in f.hypothesis.terms] == ["actuator_gain"]
     assert [u["at"] for u in found.left] == ([["servo"]] if unknown else [])
     for u in found.left:
         assert 0.0 < u["share"] < 1.0 and u["intervals"]
+
+
+@pytest.mark.parametrize(
+    ("terms", "forces"),
+    [
+        ({"actuator_gain": [1.6]}, [-0.8, 0.32, 0.8]),
+        ({"actuator_gain": [-1.0]}, [0.5, -0.2, -0.5]),
+        ({"actuator_gain:limited": [1.6]}, [-0.5, 0.32, 0.5]),
+        ({"actuator_bias": [0.2]}, [-0.3, 0.4, 0.7]),
+        ({"actuator_bias:limited": [0.2]}, [-0.5, 0.4, 0.5]),
+        ({"actuator_deadzone": [0.1]}, [-0.4, 0.1, 0.4]),
+        ({"actuator_deadzone:limited": [0.1]}, [-0.5, 0.1, 0.5]),
+        ({"actuator_gain": [0.5], "torque_saturation": [0.2]}, [-0.2, 0.1, 0.2]),
+        ({"torque_saturation": [0.9]}, [-0.5, 0.2, 0.5]),
+    ],
+)
+def test_effects_of_actuators_act_on_forces_within_their_limits(terms, forces):
+    """A motor of at most 0.5 N m that is told -1, 0.2 and 1."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1"/></body></worldbody>
+        <actuator><motor name="motor" joint="hinge" forcerange="-0.5 0.5"/></actuator></mujoco>"""
+    )
+    ctx, place = nominal_context(model), Place("actuator", "motor", 0)
+    parts = {Term(i, place): np.array(x) for i, x in terms.items()}
+    assert all(place in REGISTRY[t.id].places(ctx) for t in parts)
+    h = Hypothesis.of(*parts)
+    rest = np.zeros(3)
+    log = Log("r", 0.01 * np.arange(3), np.array([[-1.0, 0.2, 1.0]]), np.arange(3), rest, rest, rest, rest)
+    f = Fitted(h, h.gather(ctx, parts), np.zeros(0))
+    np.testing.assert_allclose(predict(model, ctx, f, 0, log, 0.01), forces, atol=1e-12)

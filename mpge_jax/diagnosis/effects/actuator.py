@@ -15,6 +15,8 @@ from mpge_jax.diagnosis.model import has_plain_law, is_joint_transmission
 _AFFINE = int(mujoco.mjtBias.mjBIAS_AFFINE)
 _NO_BIAS = int(mujoco.mjtBias.mjBIAS_NONE)
 _FIXED = int(mujoco.mjtGain.mjGAIN_FIXED)
+NEAR = 1.5
+"""How near to its limit, in its largest forces, a drive may reach it."""
 
 
 class OfActuator(Effect):
@@ -37,7 +39,7 @@ class OfCommand(OfActuator):
 class _Linear(OfActuator):
     """Changes the gain and bias of a drive, which must be the fixed and affine ones: no muscle, no motor model."""
 
-    fields = ("actuator_biasprm", "actuator_biastype")
+    fields: tuple[str, ...] = ("actuator_biasprm", "actuator_biastype")
 
     def places(self, ctx: Context) -> list[Place]:
         m = ctx.model
@@ -62,13 +64,34 @@ def _unit(ctx: Context, place: Place) -> str:
     return "N" if slide else "N m"
 
 
+def _limited(m: mujoco.MjModel, a: int) -> bool:
+    return bool(m.actuator_forcelimited[a])
+
+
+class _BeforeLimits(OfActuator):
+    """A second form, which the drive's limits of force follow: they stay as they are."""
+
+    tier = 2
+
+    def places(self, ctx: Context) -> list[Place]:
+        """Drives that come near their limits; for others it is the same as the plain form."""
+        m = ctx.model
+
+        def reached(a: int) -> bool:
+            return _limited(m, a) and NEAR * ctx.drive[a] >= np.abs(m.actuator_forcerange[a]).min()
+
+        return [p for p in super().places(ctx) if reached(p.index)]
+
+
 @register
 class ActuatorGain(_Linear):
     id, order, vanishes_at = "actuator_gain", 1, 1.0
     equation = "tau = g u"
     says = "The actuator {at} gives {gain} times the force that the model expects."
-    fields = ("actuator_gainprm", "actuator_biasprm")
+    fields = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
     remedy = "steps of command at rest and while moving, in several poses"
+
+    scales_limits = True
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (Param("gain", "1", -3.0, 5.0, 0.1),)
@@ -77,8 +100,19 @@ class ActuatorGain(_Linear):
         return np.array([[0.9], [0.3]])
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        for name in self.fields:
-            f.scale(name, (place.index,), theta[..., 0, None])
+        a, gain = place.index, theta[..., 0]
+        for name in ("actuator_gainprm", "actuator_biasprm"):
+            f.scale(name, (a,), gain[..., None])
+        if self.scales_limits and _limited(ctx.model, a):
+            ends = gain * f.get("actuator_forcerange", (a, 0)), gain * f.get("actuator_forcerange", (a, 1))
+            f.set("actuator_forcerange", (a, 0), f.xp.minimum(*ends))
+            f.set("actuator_forcerange", (a, 1), f.xp.maximum(*ends))
+
+
+@register
+class ActuatorGainBeforeLimits(_BeforeLimits, ActuatorGain):
+    id, scales_limits = "actuator_gain:limited", False
+    equation = "tau = clip(g u)"
 
 
 @register
@@ -102,6 +136,8 @@ class ActuatorBias(_Linear):
     equation = "tau = u + c"
     says = "The actuator {at} adds a constant {bias} to what it is told."
     remedy = "rest in several poses, with the command at zero"
+    fields = (*_Linear.fields, "actuator_forcerange")
+    moves_limits = True
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         d = _size(ctx, place)
@@ -110,6 +146,14 @@ class ActuatorBias(_Linear):
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.set("actuator_biastype", (place.index,), _AFFINE)
         f.add("actuator_biasprm", (place.index, 0), theta[..., 0])
+        for end in (0, 1) if self.moves_limits and _limited(ctx.model, place.index) else ():
+            f.add("actuator_forcerange", (place.index, end), theta[..., 0])
+
+
+@register
+class ActuatorBiasBeforeLimits(_BeforeLimits, ActuatorBias):
+    id, moves_limits = "actuator_bias:limited", False
+    equation = "tau = clip(u + c)"
 
 
 @register
@@ -196,12 +240,12 @@ class TorqueSaturation(OfActuator):
         return []
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        m, a = ctx.model, place.index
-        low, high = m.actuator_forcerange[a] if m.actuator_forcelimited[a] else np.array([-np.inf, np.inf])
+        a, low, high, limit = place.index, -1e12, 1e12, theta[..., 0]
+        if _limited(ctx.model, a):
+            low, high = (f.get("actuator_forcerange", (a, end)) for end in (0, 1))
         f.set("actuator_forcelimited", (a,), 1)
-        limit = theta[..., 0]
-        f.set("actuator_forcerange", (a, 0), f.xp.maximum(-limit, max(float(low), -1e12)))
-        f.set("actuator_forcerange", (a, 1), f.xp.minimum(limit, min(float(high), 1e12)))
+        f.set("actuator_forcerange", (a, 0), f.xp.maximum(-limit, low))
+        f.set("actuator_forcerange", (a, 1), f.xp.minimum(limit, high))
 
 
 @register
@@ -227,9 +271,21 @@ class ActuatorDeadzone(OfActuator):
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
         a = place.index
-        f = s.f_free[..., a]
-        shrunk = xp.sign(f) * xp.maximum(xp.abs(f) - theta[..., 0], 0.0)
-        clipped = xp.minimum(xp.maximum(shrunk, s.force_low[..., a]), s.force_high[..., a])
+        left = self.shrunk(xp, s.f[..., a], s.f_free[..., a], theta[..., 0])
+        clipped = xp.minimum(xp.maximum(left, s.force_low[..., a]), s.force_high[..., a])
         # what is added to a command comes before the limits
         known = s.f if is_joint_transmission(ctx.model, a) else s.f_free
         return Forces(actuator=clipped - known[..., a]), memory
+
+    def shrunk(self, xp: Any, f: Array, free: Array, width: Array) -> Array:
+        """What is left of the force f [...], which was `free` before its limits."""
+        return xp.sign(f) * xp.maximum(xp.abs(f) - width, 0.0)
+
+
+@register
+class ActuatorDeadzoneBeforeLimits(_BeforeLimits, ActuatorDeadzone):
+    id = "actuator_deadzone:limited"
+    equation = "clip(sign(tau) max(|tau| - width, 0))"
+
+    def shrunk(self, xp: Any, f: Array, free: Array, width: Array) -> Array:
+        return super().shrunk(xp, free, free, width)
