@@ -23,7 +23,7 @@ class Config:
     decide_s: float = 0.25
     report_s: float = 0.5
     train_windows: int = 40
-    held_windows: int = 60
+    held_windows: int = 150
     max_effects: int | None = None
     quiet: bool = True
 

@@ -21,8 +21,10 @@ from mpge_jax.diagnosis.select import NAMED, Search
 PLAIN = ("coulomb_friction", "armature", "viscous_damping")
 AFTER = 3
 """Effects that the forward search has found before the other direction is tried."""
+TOGETHER = 2
+"""Plain effects of joints that it has found, at which that is tried before the search ends."""
 HALF = 0.5
-"""Share of the loss that may remain: what is missing everywhere explains most of what is left."""
+"""Share of the loss that may remain where something that was found is given up."""
 PASSES = 5
 """Fits under the hypothesis's own whitening at most, with terms taken away before each."""
 
@@ -55,9 +57,15 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
         f"everywhere: base {before.losses.mean():.3f}; "
         + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in scored)
     )
-    better = chosen.losses.mean() < HALF * before.losses.mean()
+    more = set(current.hypothesis.terms) <= set(chosen.fit.hypothesis.terms)
+    better = s.accept(chosen, before) if more else chosen.losses.mean() < HALF * before.losses.mean()
     fits_in = len(chosen.fit.hypothesis.terms) <= s.max_terms
     return chosen.fit if better and fits_in and s.needed(chosen, before) else current
+
+
+def drives_lack(f: Fitted) -> bool:
+    """Whether so many plain effects of joints were found that other joints may lack them too."""
+    return sum(t.id in PLAIN and t.place.kind == "joint" for t in f.hypothesis.terms) >= TOGETHER
 
 
 def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:

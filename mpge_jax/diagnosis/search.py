@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from mpge_jax.diagnosis.candidates import compatible
-from mpge_jax.diagnosis.dense import AFTER, everywhere
+from mpge_jax.diagnosis.dense import AFTER, drives_lack, everywhere
 from mpge_jax.diagnosis.fit import fit
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis
@@ -23,7 +23,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
     current = s.resume or NOTHING
     last: list[Scored] = []
     first_round: list[Scored] = []
-    began, rounds = time.monotonic(), 0
+    began, rounds, looked = time.monotonic(), 0, False
     while s.terms and len(current.hypothesis.terms) < s.max_terms:
         depth = len(current.hypothesis.terms)
         s.say(f"looking for effect {depth + 1}{_time_left(began, rounds)}")
@@ -43,7 +43,13 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
             chosen = next((r for r in ranked if s.named(r.fit, current.hypothesis)), chosen)
             if not s.accept(chosen, base):
                 last = last or ranked
-                break
+                wider = everywhere(s, current) if not looked and drives_lack(current) else current
+                looked = True
+                if wider is current:
+                    break
+                current = wider
+                s.keep(current)
+                continue
         last = ranked
         if depth == 0:
             first_round = ranked
@@ -54,7 +60,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
                 continue
         current = chosen.fit
         if depth + 1 == AFTER:
-            current = everywhere(s, current)
+            current, looked = everywhere(s, current), True
         s.keep(current)
     return current, last or first_round
 

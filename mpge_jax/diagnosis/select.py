@@ -29,8 +29,8 @@ KEEP = 7
 MANY, KEEP_OF_MANY = 5, 3
 """Terms beyond which a further one competes with fewer others: the cost of a fit grows with the square of the terms,
 and little is left for them to explain."""
-WORK = 2e8
-"""Work of the simulator (about two minutes of one core) after which that holds from two terms on."""
+WORK = 1.2e8
+"""Work of the simulator (about a minute of one core) after which that holds from two terms on."""
 HOPELESS = 0.06
 """Share of the loss that a second effect must take away in screening to be looked at further."""
 SIGNIFICANT = 3.0
