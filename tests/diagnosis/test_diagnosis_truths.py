@@ -265,7 +265,7 @@ def test_a_joints_limit_on_more_than_its_motor_stays_the_joints(beside):
     assert not load_spec(mujoco.MjSpec.from_string(xml)).compile().actuator_forcelimited.any()
 
 
-def test_a_dead_zone_of_a_tendons_motor_comes_before_its_limits():
+def test_a_dead_zone_of_a_tendons_motor_comes_after_its_limits_or_before():
     xml = f"""<mujoco><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>{LINK}</body></worldbody>
     <tendon><fixed name="t"><joint joint="hinge" coef="1"/></fixed></tendon><actuator>
     <motor name="motor" tendon="t" forcerange="-5 5" forcelimited="true"/></actuator></mujoco>"""
@@ -273,7 +273,10 @@ def test_a_dead_zone_of_a_tendons_motor_comes_before_its_limits():
         _entry("actuator_deadzone", "motor", "actuator", width=1.0),
         _entry("actuator_gain", "motor", "actuator", gain=0.5),
     ]
-    for known, command, force in ((effects[:1], 5.5, 4.5), (effects[:1], 9.0, 5.0), (effects, 6.0, 2.0)):
+    before = [{**effects[0], "form": "actuator_deadzone:limited"}]
+    for known, command, force in (
+        (effects[:1], 5.5, 4.0), (effects[:1], -9.0, -4.0), (effects, 6.0, 2.0), (before, 5.5, 4.5), (before, 9.0, 5.0)
+    ):  # fmt: skip
         stepper = CorrectedModel.build(mujoco.MjSpec.from_string(xml), known).c_stepper()
         stepper.reset(np.zeros(1), np.zeros(1))
         stepper.step(np.array([command]))
@@ -334,16 +337,20 @@ def test_the_force_of_a_damper_follows_the_motion():
     assert follows(mujoco.MjModel.from_xml_string(xml)).tolist() == [True, False]
 
 
-def test_measured_forces_of_a_tendons_motor_saturate_after_its_dead_zone():
+@pytest.mark.parametrize(
+    ("form", "forces"),
+    [("actuator_deadzone", [0.0, 2.0, 4.0, 4.0]), ("actuator_deadzone:limited", [0.0, 2.0, 4.5, 5.0])],
+)
+def test_measured_forces_of_a_tendons_motor_show_where_its_dead_zone_is(form, forces):
     xml = f"""<mujoco><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>{LINK}</body></worldbody>
     <tendon><fixed name="t"><joint joint="hinge" coef="1"/></fixed></tendon><actuator>
     <motor name="motor" tendon="t" forcerange="-5 5" forcelimited="true"/></actuator></mujoco>"""
     model = compile_variable(mujoco.MjSpec.from_string(xml))
-    term, width = Term("actuator_deadzone", Place("actuator", "motor", 0)), np.ones(1)
+    term, width = Term(form, Place("actuator", "motor", 0)), np.ones(1)
     u, zero = np.array([0.5, 3.0, 5.5, 9.0]), np.zeros(4)
     log = Log("run", zero, u[None], np.arange(4), zero, zero, zero, np.arange(4))
     force = predict(model, nominal_context(model), Fitted(Hypothesis.of(term), width, width), 0, log, 0.002)
-    np.testing.assert_allclose(force, [0.0, 2.0, 4.5, 5.0])
+    np.testing.assert_allclose(force, forces)
 
 
 def test_commands_of_integrators_are_left_alone():

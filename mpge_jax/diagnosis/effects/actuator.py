@@ -24,6 +24,8 @@ class OfActuator(Effect):
 
     kinds = ("actuator",)
     side = "actuator"
+    within = True
+    """Whether it acts on the force that the drive's limits have let through."""
 
 
 class OfCommand(OfActuator):
@@ -65,13 +67,16 @@ def _unit(ctx: Context, place: Place) -> str:
 
 
 def _limited(m: mujoco.MjModel, a: int) -> bool:
-    return bool(m.actuator_forcelimited[a])
+    """Whether the drive itself limits its force; a limit of its joint comes after everything that the drive does."""
+    joint = int(m.actuator_trnid[a, 0])
+    of_joint = is_joint_transmission(m, a) and m.jnt_actfrclimited[joint]
+    return bool(m.actuator_forcelimited[a] and not of_joint)
 
 
 class _BeforeLimits(OfActuator):
     """A second form, which the drive's limits of force follow: they stay as they are."""
 
-    tier = 2
+    tier, within = 2, False
 
     def places(self, ctx: Context) -> list[Place]:
         """Drives that come near their limits; for others it is the same as the plain form."""
@@ -91,8 +96,6 @@ class ActuatorGain(_Linear):
     fields = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
     remedy = "steps of command at rest and while moving, in several poses"
 
-    scales_limits = True
-
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (Param("gain", "1", -3.0, 5.0, 0.1),)
 
@@ -103,7 +106,7 @@ class ActuatorGain(_Linear):
         a, gain = place.index, theta[..., 0]
         for name in ("actuator_gainprm", "actuator_biasprm"):
             f.scale(name, (a,), gain[..., None])
-        if self.scales_limits and _limited(ctx.model, a):
+        if self.within and _limited(ctx.model, a):
             ends = gain * f.get("actuator_forcerange", (a, 0)), gain * f.get("actuator_forcerange", (a, 1))
             f.set("actuator_forcerange", (a, 0), f.xp.minimum(*ends))
             f.set("actuator_forcerange", (a, 1), f.xp.maximum(*ends))
@@ -111,7 +114,7 @@ class ActuatorGain(_Linear):
 
 @register
 class ActuatorGainBeforeLimits(_BeforeLimits, ActuatorGain):
-    id, scales_limits = "actuator_gain:limited", False
+    id = "actuator_gain:limited"
     equation = "tau = clip(g u)"
 
 
@@ -137,7 +140,6 @@ class ActuatorBias(_Linear):
     says = "The actuator {at} adds a constant {bias} to what it is told."
     remedy = "rest in several poses, with the command at zero"
     fields = (*_Linear.fields, "actuator_forcerange")
-    moves_limits = True
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         d = _size(ctx, place)
@@ -146,13 +148,13 @@ class ActuatorBias(_Linear):
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.set("actuator_biastype", (place.index,), _AFFINE)
         f.add("actuator_biasprm", (place.index, 0), theta[..., 0])
-        for end in (0, 1) if self.moves_limits and _limited(ctx.model, place.index) else ():
+        for end in (0, 1) if self.within and _limited(ctx.model, place.index) else ():
             f.add("actuator_forcerange", (place.index, end), theta[..., 0])
 
 
 @register
 class ActuatorBiasBeforeLimits(_BeforeLimits, ActuatorBias):
-    id, moves_limits = "actuator_bias:limited", False
+    id = "actuator_bias:limited"
     equation = "tau = clip(u + c)"
 
 
@@ -271,21 +273,19 @@ class ActuatorDeadzone(OfActuator):
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
         a = place.index
-        left = self.shrunk(xp, s.f[..., a], s.f_free[..., a], theta[..., 0])
-        clipped = xp.minimum(xp.maximum(left, s.force_low[..., a]), s.force_high[..., a])
+        f = s.f_free[..., a]
+        if self.within and _limited(ctx.model, a):
+            # the given limits, not those of a saturation that was found beside it
+            low, high = map(float, ctx.model.actuator_forcerange[a])
+            f = xp.minimum(xp.maximum(f, low), high)
+        shrunk = xp.sign(f) * xp.maximum(xp.abs(f) - theta[..., 0], 0.0)
+        clipped = xp.minimum(xp.maximum(shrunk, s.force_low[..., a]), s.force_high[..., a])
         # what is added to a command comes before the limits
         known = s.f if is_joint_transmission(ctx.model, a) else s.f_free
         return Forces(actuator=clipped - known[..., a]), memory
-
-    def shrunk(self, xp: Any, f: Array, free: Array, width: Array) -> Array:
-        """What is left of the force f [...], which was `free` before its limits."""
-        return xp.sign(f) * xp.maximum(xp.abs(f) - width, 0.0)
 
 
 @register
 class ActuatorDeadzoneBeforeLimits(_BeforeLimits, ActuatorDeadzone):
     id = "actuator_deadzone:limited"
     equation = "clip(sign(tau) max(|tau| - width, 0))"
-
-    def shrunk(self, xp: Any, f: Array, free: Array, width: Array) -> Array:
-        return super().shrunk(xp, free, free, width)
