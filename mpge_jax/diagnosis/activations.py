@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.model import clipped
 from mpge_jax.diagnosis.recording import Recording
 
 if TYPE_CHECKING:
-    from mpge_jax.diagnosis.windows import Source
+    from mpge_jax.diagnosis.source import Source
 
 Array = np.ndarray
 UNSETTLED = 0.2

@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.model import clipped, compile_variable, has_plain_law
 from mpge_jax.diagnosis.noise import column_noise
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.simulate import Simulator
-from mpge_jax.diagnosis.windows import Source
+from mpge_jax.diagnosis.source import Source
 
 Array = np.ndarray
 LATE = {"actuator_delay", "actuator_lag"}

@@ -16,8 +16,8 @@ import numpy as np
 from mpge_jax.diagnosis.drives import driving, follows, is_servo, plain_force
 from mpge_jax.diagnosis.model import is_scalar
 from mpge_jax.diagnosis.recording import Recording, longest_step
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States
-from mpge_jax.diagnosis.windows import Source
 
 Array = np.ndarray
 

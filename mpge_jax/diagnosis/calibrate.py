@@ -18,10 +18,11 @@ from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.rotations import integrate
 from mpge_jax.diagnosis.simulate import Run
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import estimate
 from mpge_jax.diagnosis.verdict import noise_floor
 from mpge_jax.diagnosis.whiten import column_scale, numerics, robust_loss, whitener
-from mpge_jax.diagnosis.windows import Source, Windows, cut
+from mpge_jax.diagnosis.windows import Windows, cut
 
 Array = np.ndarray
 SEGMENT, ALL = 0.8, 1_000_000

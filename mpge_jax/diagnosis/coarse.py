@@ -20,9 +20,10 @@ from mpge_jax.diagnosis.model import qpos_columns
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.screen import screen
 from mpge_jax.diagnosis.simulate import Run, Simulator
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR, Noise, States
 from mpge_jax.diagnosis.whiten import Whitener, column_scale
-from mpge_jax.diagnosis.windows import Source, Windows, cut
+from mpge_jax.diagnosis.windows import Windows, cut
 
 Array = np.ndarray
 INTERVALS = 40

@@ -9,7 +9,7 @@ from mpge_jax.diagnosis.activations import activations
 from mpge_jax.diagnosis.contacts import touching_pairs
 from mpge_jax.diagnosis.effects.base import Context, Samples, nominal_context
 from mpge_jax.diagnosis.model import Names, is_scalar, moments
-from mpge_jax.diagnosis.windows import Source
+from mpge_jax.diagnosis.source import Source
 
 Array = np.ndarray
 MAX_SAMPLES = 1500

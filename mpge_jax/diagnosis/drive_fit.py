@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.evidence import rare
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import clipped, is_joint_transmission
-from mpge_jax.diagnosis.windows import Source
+from mpge_jax.diagnosis.source import Source
 
 Array = np.ndarray
 BLOCK_S = 0.25

@@ -18,9 +18,9 @@ from mpge_jax.diagnosis import stepping
 from mpge_jax.diagnosis.effects.drive import Drive
 from mpge_jax.diagnosis.model import is_scalar, moments
 from mpge_jax.diagnosis.noise import column_noise
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import estimate
 from mpge_jax.diagnosis.stepping import Machine
-from mpge_jax.diagnosis.windows import Source
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis

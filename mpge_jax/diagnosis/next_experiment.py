@@ -15,9 +15,10 @@ from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import is_scalar
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.simulate import Run
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States
 from mpge_jax.diagnosis.whiten import column_scale
-from mpge_jax.diagnosis.windows import HISTORY, Source, Windows
+from mpge_jax.diagnosis.windows import HISTORY, Windows
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.diagnosis import Diagnosis

@@ -30,9 +30,10 @@ from mpge_jax.diagnosis.model import Names, clipped, compile_variable, load_spec
 from mpge_jax.diagnosis.noise import MIN_ROWS
 from mpge_jax.diagnosis.recording import Recording, rows_of
 from mpge_jax.diagnosis.simulate import Simulator
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.split import split
 from mpge_jax.diagnosis.states import MAX_ROWS, Noise, estimate
-from mpge_jax.diagnosis.windows import MAX_SAMPLES, Source, Windows, choose_dt, cut
+from mpge_jax.diagnosis.windows import MAX_SAMPLES, Windows, choose_dt, cut
 
 SPARSE = 0.2
 """Time between rows, over the length of a window, beyond which windows last whole rows."""

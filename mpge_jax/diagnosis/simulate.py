@@ -18,7 +18,8 @@ from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import is_scalar
 from mpge_jax.diagnosis.rotations import difference, integrate
 from mpge_jax.diagnosis.runtime import Group, Runtime
-from mpge_jax.diagnosis.windows import Windows, hermite
+from mpge_jax.diagnosis.source import hermite
+from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
 MANY_STEPS = 50

@@ -6,8 +6,8 @@ import pytest
 
 from mpge_jax.diagnosis.between_rows import bends, nominal
 from mpge_jax.diagnosis.recording import Recording
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States
-from mpge_jax.diagnosis.windows import Source
 
 TWO = """<mujoco><option timestep="0.00002" gravity="0 0 0"/>
 <default><geom contype="0" conaffinity="0" mass=".2"/></default><worldbody>

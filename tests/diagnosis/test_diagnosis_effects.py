@@ -194,7 +194,8 @@ def test_jax_engine_is_batched_by_vmap():
 def test_batched_windows_agree_with_single_steps(effect_id):
     """The simulator of the fit and the stepper of the corrected machine are two implementations of one effect."""
     from mpge_jax.diagnosis.simulate import Run, Simulator
-    from mpge_jax.diagnosis.windows import Source, Windows
+    from mpge_jax.diagnosis.source import Source
+    from mpge_jax.diagnosis.windows import Windows
 
     m = machine(effect_id, ARM if effect_id in ("payload_mass", "com_offset", "external_force") else None)
     model, steps = m.ctx.model, 40

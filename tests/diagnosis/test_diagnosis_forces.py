@@ -14,9 +14,9 @@ from mpge_jax.diagnosis.locate import locate
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States
 from mpge_jax.diagnosis.stepping import Machine
-from mpge_jax.diagnosis.windows import Source
 
 GEAR = 20.0
 GEARED = PENDULUM.replace('joint="hinge" ctrl', f'joint="hinge" gear="{GEAR}" ctrl')

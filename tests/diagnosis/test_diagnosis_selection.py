@@ -25,10 +25,10 @@ from mpge_jax.diagnosis.rivals import find_rivals
 from mpge_jax.diagnosis.search import search
 from mpge_jax.diagnosis.select import LOUD, MANY, QUIET, SMALL, WORK
 from mpge_jax.diagnosis.simulate import Run
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States, estimate
 from mpge_jax.diagnosis.telling import SCREEN_WINDOWS, screen_windows
 from mpge_jax.diagnosis.whiten import INTEGRATOR, column_scale, numerics, robust_loss, whitener
-from mpge_jax.diagnosis.windows import Source
 
 FLYER = """<mujoco><option timestep="0.004" gravity="0 0 0"/><worldbody><body name="frame"><freejoint/>
 <geom type="box" size=".2 .1 .05" mass="1" contype="0" conaffinity="0"/><site name="s" pos=".2 0 0"/></body></worldbody>

@@ -25,9 +25,10 @@ from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.screen import screen
 from mpge_jax.diagnosis.select import NAMED, Search
 from mpge_jax.diagnosis.simulate import MANY_STEPS, Run
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States
 from mpge_jax.diagnosis.whiten import robust_loss
-from mpge_jax.diagnosis.windows import Source, cut
+from mpge_jax.diagnosis.windows import cut
 
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
 FLEXIBLE = {"stiffness": 8.0, "damping": 0.02}

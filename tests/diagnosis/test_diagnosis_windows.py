@@ -14,8 +14,8 @@ from mpge_jax.diagnosis.fitted import NOTHING
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.recording import rows_of, validate
+from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States
-from mpge_jax.diagnosis.windows import Source
 
 FILTER = PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')
 MUSCLE = PENDULUM.replace("<motor", '<muscle lengthrange="-2 2" timeconst=".02 .05" force="3"')
