@@ -25,6 +25,8 @@ from mpge_jax.diagnosis.source import Source
 Array = np.ndarray
 LATE = {"actuator_delay", "actuator_lag"}
 """Drives whose force does not jump when its command does."""
+MOVING = {"actuator_lag", "back_emf"}
+"""Those whose force changes between two commands."""
 
 
 @dataclass
@@ -46,34 +48,23 @@ class ActuatorSide:
     excess: dict[str, float] = field(default_factory=dict)
     left: list[dict[str, Any]] = field(default_factory=list)
 
-    def between_rows(
-        self, plain: mujoco.MjModel
-    ) -> tuple[set[int], dict[int, float], Callable[[Source], Law]]:
-        """Actuators whose force lags behind the command; those with back-EMF, with their force per command; and the
-        law of the servos between the rows of a recording."""
-        lag: set[int] = set()
-        back_emf: dict[int, float] = {}
-        found: dict[int, Fitted] = {}
-        for f in self.fits:
-            parts = {t.name: (t.place.index, x) for t, x in f.hypothesis.split(self.ctx, f.theta).items()}
-            a = next(iter(parts.values()))[0]
-            found[a] = f
-            if "actuator_lag" in parts:
-                lag.add(a)
-            if "back_emf" in parts:
-                gain = float(parts["actuator_gain"][1][0]) if "actuator_gain" in parts else 1.0
-                back_emf[a] = gain * float(self.ctx.model.actuator_gainprm[a, 0])
+    def between_rows(self, plain: mujoco.MjModel) -> tuple[set[int], Callable[[Source], Law]]:
+        """Actuators whose force was found not to be held between two rows, as it lags behind the command or falls with
+        speed; and the law of those and of servos between the rows of a recording."""
+        found = {f.hypothesis.terms[0].place.index: f for f in self.fits}
+        names = {a: {t.name for t in f.hypothesis.terms} for a, f in found.items()}
+        moving = {a for a, terms in names.items() if terms & MOVING}
 
         def of(source: Source) -> Law:
             out = nominal(source.recording, source.states, plain)
             for a, f in found.items():
-                if out.jumps[:, a].any():
+                if out.jumps[:, a].any() or a in moving:
                     out.jumps[:, a], out.slopes[:, a] = between(plain, self.ctx, f, a, source)
-                    if {t.name for t in f.hypothesis.terms} & LATE:
+                    if names[a] & LATE:
                         out.jumps[:, a] = 0.0
             return out
 
-        return lag, back_emf, of
+        return moving, of
 
     def export(self, spec: mujoco.MjSpec) -> dict[Term, bool]:
         """Add native forms to a compiled spec; returns which effects have one."""

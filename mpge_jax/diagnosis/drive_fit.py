@@ -206,6 +206,7 @@ def unexplained_drive(
         "when": "between its command and its measured force",
         "intervals": sorted((x[1] for x in worst), key=lambda x: (x[0], x[1])),
         "share": min(left / before, 1.0),
+        "of": "force",
     }
 
 
@@ -247,6 +248,10 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) ->
     return replace(start, theta=theta, cov=bread @ (scores.T @ scores) @ bread, loss=float(out.cost))
 
 
+def _tier(f: Fitted) -> int:
+    return sum(t.effect.tier for t in f.hypothesis.terms)
+
+
 def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: list[str]) -> Fitted:
     a = place.index
     current = NOTHING
@@ -277,7 +282,7 @@ def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: 
             x for x in field_
             if (x[1] - top[1]).mean() <= max(2 * (x[1] - top[1]).std() / np.sqrt(x[1].size), 0.01 * top[1].mean())
         ]  # fmt: skip
-        chosen, after = min(tied, key=lambda x: (x[0].theta.size, x[1].mean()))
+        chosen, after = min(tied, key=lambda x: (x[0].theta.size, _tier(x[0]), x[1].mean()))
         gain = before - after
         error = gain.std() / np.sqrt(max(gain.size - 1, 1))
         if gain.mean() < 3 * error or gain.mean() < 0.05 * before.mean():

@@ -135,6 +135,7 @@ def together(entries: list[dict[str, Any] | None]) -> dict[str, Any] | None:
         "when": "; ".join(f"at the {' and '.join(e['at'])} {e['when']}" for e in known),
         "intervals": [i for e in known for i in e["intervals"]],
         "share": known[0]["share"],
+        "of": known[0]["of"],
     }
 
 

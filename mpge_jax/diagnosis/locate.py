@@ -43,6 +43,11 @@ def locate(d: Diagnosis) -> list[tuple[str, str, float]]:
             rows[name, kind] = max([rows.get((name, kind), 0.0), *ratios])
         elif name in by_joint and name not in base:
             rows[name, kind] = by_joint[name]
+    for name in d.unexplained["at"] if d.unexplained is not None else ():
+        if name in p.names.actuators and name not in by_joint:
+            joints = _moved(p.model, Place("actuator", name, p.names.actuators.index(name)))
+            ratios = [by_joint.get(p.names.joints[j], 0.0) for j in joints]
+            rows[name, "actuator"] = max([rows.get((name, "actuator"), 0.0), *ratios])
     if d.actuators is not None:
         rows |= {(name, "actuator"): ratio for name, ratio in d.actuators.excess.items()}
     for name, kind, ratio in d.location:

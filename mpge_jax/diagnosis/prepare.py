@@ -26,7 +26,7 @@ from mpge_jax.diagnosis.context import build_context
 from mpge_jax.diagnosis.drives import drive_by_force, follows, measured_forces
 from mpge_jax.diagnosis.effects.base import Context
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.model import Names, clipped, compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.model import Names, compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.noise import MIN_ROWS
 from mpge_jax.diagnosis.recording import Recording, rows_of
 from mpge_jax.diagnosis.simulate import Simulator
@@ -86,29 +86,23 @@ class Prepared:
 def with_drives(
     p: Prepared,
     plain: mujoco.MjModel,
-    lag: set[int],
-    back_emf: dict[int, float],
+    moving: set[int],
     law: Callable[[Source], Law],
     age: dict[int, float] | None = None,
 ) -> Prepared:
-    """The same with measured forces read as what drives them makes of them: a lagging motor's force is not held
-    between rows, nor is the part of a motor's force that its speed takes away.
+    """The same with measured forces read as what was found of their drives makes of them.
 
     Args:
-        plain: the nominal model. lag: actuators. back_emf: actuator -> force per command. law: of the
-            servos, for one recording. age: actuator -> `staleness` (s).
+        plain: the nominal model. moving: actuators whose force is not held between rows, beside those that `follows`
+            knows. law: of all of them, for one recording. age: actuator -> `staleness` (s).
     """
     continuous = follows(plain)
-    continuous[list(lag)] = True
+    continuous[list(moving)] = True
     ages = np.array([(age or {}).get(a, 0.0) for a in range(plain.nu)])
 
     def again(s: Source) -> Source:
         between = law(s)
         smooth = np.where(p.measured & continuous, s.command - np.cumsum(between.jumps, axis=0), 0.0)
-        for a, gain in back_emf.items():
-            if not continuous[a]:
-                held = gain * np.nan_to_num(clipped(plain, s.recording.known("ctrl"))[:, a])
-                smooth[:, a] = s.command[:, a] - held
         bend = bends(plain, s.recording, s.states, smooth, between)
         return Source.build(s.recording, s.states, s.command, smooth, ages, late=s.late, bend=bend)
 

@@ -34,8 +34,9 @@ def _rank_correlation(a: Array, b: Array) -> float:
     return float(np.corrcoef(ra, rb)[0, 1])
 
 
-def _drive(p: Prepared, s: Search, best: Scored, white: Whitener) -> int | None:
-    """The actuator, of those that drive no single joint (rotors), along which nearly all of the missing force lies."""
+def _drive(p: Prepared, s: Search, best: Scored, white: Whitener) -> tuple[int, Array] | None:
+    """The actuator, of those that drive no single joint (rotors), along which most of the missing force lies, and its
+    moments [W, nv]."""
     m, w = p.model, s.train
     several = [a for a in range(m.nu) if not is_joint_transmission(m, a)]
     if not several or not w.count:
@@ -48,7 +49,20 @@ def _drive(p: Prepared, s: Search, best: Scored, white: Whitener) -> int | None:
     explained, whole = explained_along(s.sim, best.fit, w, white, along)
     first = max(several, key=lambda a: explained[a])
     left, other = whole - explained[first], whole - np.delete(explained, first).max()
-    return first if left < ALONG * whole and left + DIFFERENT < ALONG * other else None
+    sure = left < ALONG * whole and left + DIFFERENT < ALONG * other
+    return (first, along[:, first]) if sure else None
+
+
+def _when(force: Array, clues: dict[str, Array], directions: tuple[str, str]) -> str:
+    """On what the size of missing force [W] depends, and which way it acts, in words."""
+    found = {k: _rank_correlation(np.abs(force), v) for k, v in clues.items()}
+    name, strength = max(found.items(), key=lambda x: abs(x[1]))
+    if abs(strength) > 0.45:
+        when = f"it grows {'with' if strength > 0 else 'as'} the {name}{'' if strength > 0 else ' falls'}"
+    else:
+        when = "it depends neither on angle, speed, command nor time in a simple way"
+    sign = float(np.sign(force).mean())
+    return when + (f"; it always {directions[0 if sign > 0 else 1]}" if abs(sign) > 0.8 else "")
 
 
 def describe(
@@ -68,28 +82,29 @@ def describe(
     if base and total[base].max() > ELSEWHERE * total[order[0]]:
         order = [base[int(np.argmax(total[base]))]]
         at = [p.names.bodies[int(p.model.dof_bodyid[order[0]])]]
-    drive = _drive(p, s, best, whites[0])
-    at = at if drive is None else [p.names.actuators[drive]]
     w, worst = s.train, order[0]
+    at, missing, directions = (
+        list(dict.fromkeys(at)),
+        force[:, worst],
+        ("pushes forwards", "pushes backwards"),
+    )
+    sizes = {}
+    for a, name in enumerate(p.names.actuators):
+        what = "measured force" if p.measured[a] else "command"
+        sizes[f"size of the {what} of {name}"] = np.abs(w.command[:, w.history :, a]).mean(1)
     joint = int(p.model.dof_jntid[worst])
-    size = np.abs(force[:, worst])
-    clues = {
-        "speed of the joint": np.abs(w.v0[:, worst]),
-        "time since the start": w.start,
-    }
+    clues = {"speed of the joint": np.abs(w.v0[:, worst]), "time since the start": w.start, **sizes}
     if is_scalar(p.model, joint):
         clues["angle of the joint"] = w.q0[:, int(p.model.jnt_qposadr[joint])]
-    for a in range(p.model.nu):
-        clues[f"size of the command of {p.names.actuators[a]}"] = np.abs(w.command[:, w.history :, a]).mean(1)
-    found = {k: _rank_correlation(size, v) for k, v in clues.items()}
-    name, strength = max(found.items(), key=lambda x: abs(x[1]))
-    if abs(strength) > 0.45:
-        when = f"it grows {'with' if strength > 0 else 'as'} the {name}{'' if strength > 0 else ' falls'}"
-    else:
-        when = "it depends neither on angle, speed, command nor time in a simple way"
-    signs = np.sign(force[:, worst])
-    if abs(signs.mean()) > 0.8:
-        when += f"; it always pushes {'forwards' if signs.mean() > 0 else 'backwards'}"
+    drive = _drive(p, s, best, whites[0])
+    if drive is not None:
+        actuator, moment = drive
+        at = [p.names.actuators[actuator]]
+        missing = (force * moment).sum(1) / np.maximum((moment**2).sum(1), 1e-300)
+        missing = missing * np.sign(w.command[:, w.history :, actuator].mean(1))
+        clues = {"time since the start": w.start, **sizes}
+        directions = ("adds to its force", "takes from its force")
+    when = _when(missing, clues, directions)
     top = np.argsort(-best.train)[: min(8, w.count)]
     length = w.times.max(1)
     intervals = []
@@ -97,4 +112,4 @@ def describe(
         r = w.sources[w.source[k]].recording
         begin = r.origin + float(w.start[k])
         intervals.append([r.name, round(begin, 4), round(begin + float(length[k]), 4)])
-    return {"at": at, "when": when, "intervals": intervals, "share": number(min(share, 1.0))}
+    return {"at": at, "when": when, "intervals": intervals, "share": number(min(share, 1.0)), "of": "motion"}

@@ -163,8 +163,8 @@ def _unexplained(table: dict[str, Any]) -> str:
     rows = [[escape(str(n)), f"{a:.2f}", f"{b:.2f}"] for n, a, b in u["intervals"]]
     return (
         f"<h2>What nothing explains</h2><p>At {escape(' and '.join(u['at']))}: {escape(u['when'])}. It makes up "
-        f"{100 * u['share']:.0f} % of the squared error of the model as given. Look at these moments:</p>"
-        + _table(["recording", "from (s)", "to (s)"], rows)
+        f"{100 * u['share']:.0f} % of the squared error of the {u['of']} that the model as given predicts. Look at "
+        "these moments:</p>" + _table(["recording", "from (s)", "to (s)"], rows)
     )
 
 

@@ -21,10 +21,15 @@ SPECIAL_CASES = {
         "load_dependent_friction:gear",
         "asymmetric_friction",
     ),
-    "actuator_bias": ("actuator_bias:reclipped",),
     "viscous_damping": ("asymmetric_friction",),
     "viscous_damping:explicit": ("asymmetric_friction",),
-    "dead_actuator": ("actuator_gain", "torque_saturation", "actuator_deadzone"),
+    "dead_actuator": (
+        "actuator_gain",
+        "actuator_gain:limited",
+        "torque_saturation",
+        "actuator_deadzone",
+        "actuator_deadzone:limited",
+    ),
 }
 """Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
 

@@ -78,7 +78,7 @@ def _beam(ranked: list[Scored], chosen: Scored, width: int = 3) -> list[Scored]:
 
     def kind(s: Scored) -> tuple[str, object]:
         term = s.fit.hypothesis.terms[-1]
-        return ("friction" if "friction" in term.id or "damping" in term.id else term.id, term.place)
+        return ("friction" if "friction" in term.id or "damping" in term.id else term.name, term.place)
 
     out, kinds = [chosen], {kind(chosen)}
     for r in ranked:

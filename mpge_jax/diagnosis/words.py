@@ -101,7 +101,8 @@ def explanation(d: Diagnosis) -> str:
         known = "Beyond that, something" if parts else "Something"
         parts.append(
             f"{known} acts at the {where} that no known effect explains: {d.unexplained['when']}. It makes up "
-            f"{100 * d.unexplained['share']:.0f} % of the squared error of the model as given."
+            f"{100 * d.unexplained['share']:.0f} % of the squared error of the {d.unexplained['of']} that the model as "
+            "given predicts."
         )
     if not parts:
         parts.append(

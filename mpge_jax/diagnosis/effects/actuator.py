@@ -116,6 +116,7 @@ class ActuatorGain(_Linear):
 class ActuatorGainBeforeLimits(_BeforeLimits, ActuatorGain):
     id = "actuator_gain:limited"
     equation = "tau = clip(g u)"
+    says = "The actuator {at} gives {gain} times the force that the model expects, up to limits that are the model's."
 
 
 @register
@@ -156,6 +157,7 @@ class ActuatorBias(_Linear):
 class ActuatorBiasBeforeLimits(_BeforeLimits, ActuatorBias):
     id = "actuator_bias:limited"
     equation = "tau = clip(u + c)"
+    says = "The actuator {at} adds a constant {bias} to what it is told, within the limits of its force."
 
 
 @register
@@ -246,8 +248,9 @@ class TorqueSaturation(OfActuator):
         if _limited(ctx.model, a):
             low, high = (f.get("actuator_forcerange", (a, end)) for end in (0, 1))
         f.set("actuator_forcelimited", (a,), 1)
-        f.set("actuator_forcerange", (a, 0), f.xp.maximum(-limit, low))
-        f.set("actuator_forcerange", (a, 1), f.xp.minimum(limit, high))
+        # a bias may have moved the drive's own limits past this one
+        f.set("actuator_forcerange", (a, 0), f.xp.clip(low, -limit, limit))
+        f.set("actuator_forcerange", (a, 1), f.xp.clip(high, -limit, limit))
 
 
 @register
@@ -279,7 +282,9 @@ class ActuatorDeadzone(OfActuator):
             low, high = map(float, ctx.model.actuator_forcerange[a])
             f = xp.minimum(xp.maximum(f, low), high)
         shrunk = xp.sign(f) * xp.maximum(xp.abs(f) - theta[..., 0], 0.0)
-        clipped = xp.minimum(xp.maximum(shrunk, s.force_low[..., a]), s.force_high[..., a])
+        # limits that a bias has moved past zero do not hold what the dead zone leaves
+        least, most = xp.minimum(s.force_low[..., a], 0.0), xp.maximum(s.force_high[..., a], 0.0)
+        clipped = xp.minimum(xp.maximum(shrunk, least), most)
         # what is added to a command comes before the limits
         known = s.f if is_joint_transmission(ctx.model, a) else s.f_free
         return Forces(actuator=clipped - known[..., a]), memory
@@ -289,3 +294,4 @@ class ActuatorDeadzone(OfActuator):
 class ActuatorDeadzoneBeforeLimits(_BeforeLimits, ActuatorDeadzone):
     id = "actuator_deadzone:limited"
     equation = "clip(sign(tau) max(|tau| - width, 0))"
+    says = "The actuator {at} ignores forces smaller than {width}, and still reaches the limits of its force."
