@@ -11,7 +11,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.between_rows import Law, nominal
 from mpge_jax.diagnosis.drive_fit import Data, Log, between, log_of, residual, search_law, unexplained_drive
-from mpge_jax.diagnosis.drives import drive_by_force
+from mpge_jax.diagnosis.drives import drive_by_force, is_servo
 from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.fit import timing_error
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
@@ -58,10 +58,10 @@ class ActuatorSide:
         def of(source: Source) -> Law:
             out = nominal(source.recording, source.states, plain)
             for a, f in found.items():
-                if out.jumps[:, a].any() or a in moving:
+                if names[a] & LATE:
+                    out.jumps[:, a] = out.slopes[:, a] = 0.0
+                elif is_servo(plain, a) or a in moving:
                     out.jumps[:, a], out.slopes[:, a] = between(plain, self.ctx, f, a, source)
-                    if names[a] & LATE:
-                        out.jumps[:, a] = 0.0
             return out
 
         return moving, of

@@ -14,7 +14,6 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.drives import driving, follows, is_servo, plain_force
-from mpge_jax.diagnosis.model import is_scalar
 from mpge_jax.diagnosis.recording import Recording, longest_step
 from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States
@@ -28,7 +27,7 @@ class Law:
 
     Attributes:
         jumps: [T, nu] by how much a force jumps as its command does. slopes: [T, nu, 2] force per length and per speed
-            of the actuator; 0 where it is saturated, and of what is no servo.
+            of the actuator; 0 where it is saturated or was not measured, and of what is no servo.
     """
 
     jumps: Array
@@ -71,6 +70,7 @@ def nominal(r: Recording, states: States, plain: mujoco.MjModel) -> Law:
             force = plain_force(plain, a, r.ctrl, states)
             low, high = plain.actuator_forcerange[a]
             slopes[(force <= low) | (force >= high), a] = 0.0
+        slopes[~np.isfinite(r.known("force")[:, a]), a] = 0.0
     return Law(servo_jumps(r, states, plain), slopes)
 
 
@@ -78,22 +78,22 @@ def bends(model: mujoco.MjModel, r: Recording, states: States, smooth: Array, la
     """Second derivative [T - 1, nu] of the forces between rows.
 
     F'' = k l'' + d l''', with the actuator's length l, its slopes k and d, and M q''' = sum of the forces' moments'
-    rates less the joints' damping. smooth: [T, nu] forces without their jumps.
+    rates less the joints' damping. A force that relaxes within a row bends less than that (`_relaxed`).
+    smooth: [T, nu] forces without their jumps.
     """
     out = np.zeros((r.time.size - 1, model.nu))
     slopes = np.where((law.slopes[:-1] != 0) & (law.slopes[1:] != 0), law.slopes[:-1], 0.0)
     servos = [a for a in range(model.nu) if slopes[:, a].any() and smooth[:, a].any()]
-    servos = [a for a in servos if is_scalar(model, int(model.actuator_trnid[a, 0]))]
     if not servos:
         return out
     h = np.diff(r.time)[:, None]
     gear, dofs = model.actuator_gear[servos, 0], model.jnt_dofadr[model.actuator_trnid[servos, 0]]
-    acceleration = np.diff(states.qvel, axis=0) / h
-    push = -model.dof_damping * acceleration
     moments = np.zeros((len(servos), model.nv))
     moments[np.arange(len(servos)), dofs] = gear
-    push += np.diff(smooth[:, servos], axis=0) / h @ moments
-    jerk, data = np.empty_like(push), mujoco.MjData(model)
+    acceleration = np.diff(states.qvel, axis=0) / h
+    push = np.diff(smooth[:, servos], axis=0) / h @ moments - model.dof_damping * acceleration
+    jerk, yields, data = np.empty_like(push), np.empty((len(push), len(servos))), mujoco.MjData(model)
+    solved = np.empty((len(servos) + 1, model.nv))
     for row in range(len(push)):
         data.qpos[:] = states.qpos[row]
         mujoco.mj_kinematics(model, data)
@@ -101,7 +101,17 @@ def bends(model: mujoco.MjModel, r: Recording, states: States, smooth: Array, la
         mujoco.mj_tendon(model, data)
         mujoco.mj_makeM(model, data)
         mujoco.mj_factorM(model, data)
-        mujoco.mj_solveM(model, data, jerk[row : row + 1], push[row : row + 1])
-    bend = slopes[:, servos, 0] * gear * acceleration[:, dofs] + slopes[:, servos, 1] * gear * jerk[:, dofs]
+        mujoco.mj_solveM(model, data, solved, np.concatenate([push[row : row + 1], moments]))
+        jerk[row], yields[row] = solved[0], (solved[1:] * moments).sum(1)
+    stiffness, damping = slopes[:, servos, 0], slopes[:, servos, 1]
+    bend = stiffness * gear * acceleration[:, dofs]
+    bend += damping * gear * jerk[:, dofs] * _relaxed(-damping * yields * h)
     out[:, servos] = np.where(h > longest_step(r), 0.0, bend)
     return np.nan_to_num(out)
+
+
+def _relaxed(x: Array) -> Array:
+    """By how much a force that relaxes by exp(-x) within a row is off a straight line on average, over what its
+    curvature at the middle says."""
+    x = np.maximum(x, 1e-3)
+    return (0.5 / np.tanh(0.5 * x) - 1.0 / x) * 12.0 / x

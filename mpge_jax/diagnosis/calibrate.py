@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.rotations import integrate
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.source import Source
-from mpge_jax.diagnosis.states import estimate
+from mpge_jax.diagnosis.states import States, estimate
 from mpge_jax.diagnosis.verdict import noise_floor
 from mpge_jax.diagnosis.whiten import column_scale, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.windows import Windows, cut
@@ -91,17 +91,17 @@ def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int
     ]
     along = {k: activations(sim.model, w.sources[k]) for k in set(w.source.tolist())}
     filled = [along[k][row] for k, row in zip(w.source, rows, strict=True)]
-    simulated = zip(_simulated(prepared, f, w, shaken, rng), filled, strict=True)
-    kept = [(r, act) for r, act in simulated if r.time.size >= 14]
+    simulated = zip(_simulated(prepared, f, w, shaken, rng), filled, w.source, rows, strict=True)
+    kept = [x for x in simulated if x[0].time.size >= 14]
     if not kept:
         return Floor()
-    segments = [r for r, _ in kept]
+    segments = [x[0] for x in kept]
     noise, states, _ = estimate(segments, sim.model, prepared.names)
     noise = replace(noise, qpos=prepared.noise.qpos, qvel=prepared.noise.qvel)
     if prepared.noise.direct:
         states = states_as_measured(segments, sim.model, noise)
     sources = tuple(
-        Source.build(r, s, r.known("ctrl"), activation=act) for (r, act), s in zip(kept, states, strict=True)
+        _again(r, s, act, w.sources[k], row) for (r, act, k, row), s in zip(kept, states, strict=True)
     )
     duration = min(prepared.config.decide_s, 0.45 * SEGMENT)
     cuts = cut(sources, sim.model, noise, duration, 2 * limit, prepared.dt, rng)
@@ -143,6 +143,19 @@ def force_noise(prepared: Prepared) -> Array:
     return out
 
 
+def _again(r: Recording, states: States, act: Array, original: Source, row: int) -> Source:
+    """A simulated segment, which begins at that row of a recording, with forces that change between rows as there.
+    `r` has the whole command at each row, noise included."""
+    rows = slice(row, row + r.time.size)
+    command = r.known("ctrl")
+    moves = original.smooth.any(0)
+    held = original.command[rows] - original.smooth[rows]
+    return Source.build(
+        r, states, command, np.where(moves, command - held, 0.0), original.age, act,
+        bend=original.bend[rows.start : rows.stop - 1],
+    )  # fmt: skip
+
+
 def _simulated(
     prepared: Prepared, f: Fitted, w: Windows, shaken: Array, rng: np.random.Generator
 ) -> list[Recording]:
@@ -167,6 +180,9 @@ def _simulated(
         grid = w.start[k] + time
         source = w.sources[w.source[k]]
         ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
+        first = source.recording.time.searchsorted(w.start[k] + 1e-9)
+        # where forces change between rows, they are as at the row, and not on average until the next
+        ctrl = np.where(source.smooth.any(0), source.command[first : first + n], ctrl)
         if shaken.any():
             # the machine felt the force, the recording holds it with noise
             ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape)

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.drives import stroke
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, Step
-from mpge_jax.diagnosis.evidence import rare
+from mpge_jax.diagnosis.evidence import SEVERAL, rare
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import clipped, is_joint_transmission
@@ -27,8 +27,8 @@ timestep a force was measured."""
 MISSED, SEEN = 0.1, 0.01
 """Share of what the nominal law misses, and of an actuator's largest forces, that a law must miss (root mean square)
 for something to be left."""
-RARE = 0.1
-"""Share of the blocks, those that are missed most, that do not count for that."""
+FAST = 0.3
+"""Time constant, in steps of the grid, below which a lag cannot be told from a delay."""
 NEAR = 1e-6
 """Length and speed by which a law is probed for its slopes."""
 PAUSE = 2.0
@@ -99,8 +99,8 @@ def log_of(source: Source, ctx: Context, actuator: int, dt: float, first_block: 
 def between(
     model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, source: Source
 ) -> tuple[Array, Array]:
-    """`between_rows.Law` of one actuator under the law `f`, which knows no delay: by how much its force jumps at each
-    row as its command does [T], and its slopes [T, 2]."""
+    """`between_rows.Law` of one actuator under the law `f`: by how much its force jumps at each row as its command
+    does [T] (without delays), and its slopes [T, 2]."""
     r = source.recording
     sent = clipped(model, r.known("ctrl"))[:, actuator]
     length, speed = stroke(model, actuator, source.states)
@@ -113,7 +113,8 @@ def between(
     now = force(sent)
     jump = now - force(np.concatenate([sent[:1], sent[:-1]]))
     slopes = np.stack([force(sent, further=NEAR) - now, force(sent, faster=NEAR) - now], 1) / NEAR
-    return np.where(np.isfinite(r.known("force")[:, actuator]), jump, 0.0), slopes
+    known = np.isfinite(r.known("force")[:, actuator])
+    return np.where(known, jump, 0.0), np.where(known[:, None], slopes, 0.0)
 
 
 def predict(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, log: Log, dt: float) -> Array:
@@ -185,14 +186,11 @@ def unexplained_drive(
     and by much of what the nominal law misses."""
     missed = [outside(model, ctx, f, a, log, d.dt) for log in d.held]
     nominal = np.concatenate([log.force - predict(model, ctx, NOTHING, a, log, d.dt) for log in d.held])
-    before = max(float(np.mean(nominal**2)), 1e-300)
-    # what a moment shows alone (the start of a log, a limit that is reached once) is no law
-    by_block = np.sort(_blocks(np.concatenate(missed), d.held))
-    left = (
-        float(np.mean(by_block[: -max(1, int(RARE * by_block.size))])) - d.sigma**2
-        if by_block.size > 1
-        else 0.0
-    )
+    # what a moment or two show alone (the start of a log, a limit that is reached once) is no law
+    by_block = _blocks(np.concatenate(missed), d.held)
+    kept = np.argsort(by_block)[: max(by_block.size - SEVERAL + 1, 1)]
+    left = float(by_block[kept].mean()) - d.sigma**2
+    before = max(float(_blocks(nominal, d.held)[kept].mean()), 1e-300)
     if left < max(SEEN * float(ctx.drive[a]), MISSED * np.sqrt(before), 2.0 * d.sigma) ** 2:
         return None
     parts = []
@@ -248,6 +246,12 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) ->
     return replace(start, theta=theta, cov=bread @ (scores.T @ scores) @ bread, loss=float(out.cost))
 
 
+def _too_fast(ctx: Context, f: Fitted, term: Term, dt: float) -> bool:
+    """Whether a lag passes before its first sample after a step of the command: there it is a delay."""
+    part = dict(zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True))[term]
+    return term.id == "actuator_lag" and float(f.theta[part][0]) < FAST * dt
+
+
 def _tier(f: Fitted) -> int:
     return sum(t.effect.tier for t in f.hypothesis.terms)
 
@@ -268,7 +272,7 @@ def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: 
                 f = _fit(model, ctx, Fitted(h, h.gather(ctx, {**parts, term: start}), np.zeros(0)), a, d)
                 if best is None or f.loss < best.loss:
                     best = f
-            if best is not None:
+            if best is not None and not _too_fast(ctx, best, term, d.dt):
                 blocks = _blocks(residual(model, ctx, best, a, d.held, d), d.held)
                 field_.append((best, blocks))
         if not field_:

@@ -35,10 +35,10 @@ def _rank_correlation(a: Array, b: Array) -> float:
 
 
 def _drive(p: Prepared, s: Search, best: Scored, white: Whitener) -> tuple[int, Array] | None:
-    """The actuator, of those that drive no single joint (rotors), along which most of the missing force lies, and its
-    moments [W, nv]."""
+    """The actuator, of those that drive no single joint (rotors) and whose force nobody measured, along which most of
+    the missing force lies, and its moments [W, nv]."""
     m, w = p.model, s.train
-    several = [a for a in range(m.nu) if not is_joint_transmission(m, a)]
+    several = [a for a in range(m.nu) if not is_joint_transmission(m, a) and not p.measured[a]]
     if not several or not w.count:
         return None
     data, along = mujoco.MjData(m), np.zeros((w.count, m.nu + m.nv, m.nv))

@@ -34,7 +34,7 @@ def attach(s: Search, p: Prepared, path: Path) -> None:
     def keep(f: Fitted) -> None:
         terms = [{"id": t.id, "kind": t.place.kind, "index": t.place.index} for t in f.hypothesis.terms]
         table = {"of": mark, "terms": terms, "theta": f.theta.tolist(), "centre": f.centre.tolist()}
-        table["work"] = p.sim.work
+        table["work"], table["looked"] = p.sim.work, s.looked
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part")
         part.write_text(json.dumps(table), encoding="utf-8")
@@ -48,9 +48,7 @@ def attach(s: Search, p: Prepared, path: Path) -> None:
         known = {(t.id, t.place.kind, t.place.index): t for t in s.terms}
         terms: list[Term] = [known[t["id"], t["kind"], t["index"]] for t in table["terms"]]
         hypothesis = Hypothesis.of(*terms)
-        p.sim.work, s.resume = (
-            float(table["work"]),
-            Fitted(hypothesis, np.array(table["theta"]), np.array(table["centre"])),
-        )
+        resumed = Fitted(hypothesis, np.array(table["theta"]), np.array(table["centre"]))
+        p.sim.work, s.looked, s.resume = float(table["work"]), bool(table["looked"]), resumed
     except (OSError, ValueError, KeyError, TypeError):
         return

@@ -23,7 +23,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
     current = s.resume or NOTHING
     last: list[Scored] = []
     first_round: list[Scored] = []
-    began, rounds, looked = time.monotonic(), 0, False
+    began, rounds = time.monotonic(), 0
     while s.terms and len(current.hypothesis.terms) < s.max_terms:
         depth = len(current.hypothesis.terms)
         s.say(f"looking for effect {depth + 1}{_time_left(began, rounds)}")
@@ -31,7 +31,11 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         ranked, base = s.compete(current, s.terms)
         current = base.fit
         if not ranked:
-            break
+            wider = _wider(s, current)
+            if wider is current:
+                break
+            current = wider
+            continue
         chosen = s.choose(ranked, current.hypothesis)
         s.log.append(
             f"round {depth + 1}: base {base.losses.mean():.3f}; "
@@ -43,12 +47,10 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
             chosen = next((r for r in ranked if s.named(r.fit, current.hypothesis)), chosen)
             if not s.accept(chosen, base):
                 last = last or ranked
-                wider = everywhere(s, current) if not looked and drives_lack(current) else current
-                looked = True
+                wider = _wider(s, current)
                 if wider is current:
                     break
                 current = wider
-                s.keep(current)
                 continue
         last = ranked
         if depth == 0:
@@ -60,9 +62,20 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
                 continue
         current = chosen.fit
         if depth + 1 == AFTER:
-            current, looked = everywhere(s, current), True
+            current, s.looked = everywhere(s, current), True
         s.keep(current)
     return current, last or first_round
+
+
+def _wider(s: Search, current: Fitted) -> Fitted:
+    """`current`, or what a look at all joints together finds where two plain effects of joints were found; once."""
+    if s.looked or not drives_lack(current):
+        return current
+    s.looked = True
+    found = everywhere(s, current)
+    if found is not current:
+        s.keep(found)
+    return found
 
 
 def _time_left(began: float, rounds: int) -> str:

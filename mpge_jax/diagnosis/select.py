@@ -58,6 +58,7 @@ class Search:
         train, held: windows. terms: candidates. say: progress callback. keep: called with every accepted fit,
         so that an interrupted search can go on. resume: where to go on. typical: how many of the training windows,
         the first ones, were drawn at random; the others were chosen because the nominal model misses most there.
+        looked: whether all joints were looked at together (`dense.everywhere`), which is done once.
         floor: what a hypothesis would leave if it were true, by simulation; needed where noise enters otherwise than
         through start and measurements (measured forces).
     """
@@ -74,6 +75,7 @@ class Search:
     keep: Callable[[Fitted], None] = lambda _fit: None
     resume: Fitted | None = None
     typical: int | None = None
+    looked: bool = False
     floor: Callable[[Fitted], Floor] | None = None
 
     def whiten(self, around: Fitted, temper: bool = True) -> tuple[Whitener, Whitener]:

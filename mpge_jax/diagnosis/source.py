@@ -53,10 +53,13 @@ class Source:
         smooth = np.zeros_like(command) if smooth is None else smooth
         t, aged = recording.time, smooth.copy()
         age = np.zeros(command.shape[1]) if age is None else age
-        for a, old in enumerate(age):
-            aged[:, a] = np.interp(t - old, t, smooth[:, a])
-        h, ramp = np.diff(recording.time)[:, None], np.diff(aged, axis=0)
-        bend = np.zeros_like(ramp) if bend is None else bend
+        h = np.diff(t)[:, None]
+        bend = np.zeros((h.size, command.shape[1])) if bend is None else bend
+        for a in np.flatnonzero(age):
+            i, s = _within(t, t - age[a])
+            aged[:, a] = smooth[i, a] + s * (smooth[i + 1, a] - smooth[i, a])
+            aged[:, a] -= 0.5 * h[i, 0] ** 2 * s * (1 - s) * bend[i, a]
+        ramp = np.diff(aged, axis=0)
         mean = (command - smooth + aged)[:-1] + 0.5 * ramp - h**2 / 12 * bend
         integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(h * mean, 0)])
         return Source(recording, states, command, smooth, integral, ramp, bend, age, activation, late)
@@ -84,9 +87,8 @@ class Source:
         t = self.recording.time
         value = np.interp(times, t, self.integral[:, a])
         if self.ramp[:, a].any() or self.bend[:, a].any():
-            i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, t.size - 2)
+            i, s = _within(t, times)
             h = t[i + 1] - t[i]
-            s = np.clip((times - t[i]) / h, 0.0, 1.0)
             value -= 0.5 * h * self.ramp[i, a] * s * (1 - s)
             value += h**3 / 12 * self.bend[i, a] * s * (1 - s) * (1 - 2 * s)
         return value
@@ -99,6 +101,12 @@ class Source:
         s = np.clip((times - t[i]) / h, 0.0, 1.5)
         q, v = self.states.qpos[:, qadr], self.states.qvel[:, dof]
         return hermite(s, h, q[i], q[i + 1], v[i], v[i + 1]), v[i] + s * (v[i + 1] - v[i])
+
+
+def _within(t: Array, times: Array) -> tuple[Array, Array]:
+    """The interval of t [T] in which each of `times` lies, and where in it (0 to 1)."""
+    i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, t.size - 2)
+    return i, np.clip((times - t[i]) / (t[i + 1] - t[i]), 0.0, 1.0)
 
 
 def hermite(s: Array, h: Array | float, q0: Array, q1: Array, v0: Array, v1: Array) -> Array:

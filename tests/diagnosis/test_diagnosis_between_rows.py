@@ -89,3 +89,41 @@ def test_forces_with_an_age_can_be_made_older():
     edges = np.array([1.0, 2.0])
     assert source.mean_command(edges)[0, 0] == pytest.approx(1.3)
     assert source.older(2.0).mean_command(edges)[0, 0] == pytest.approx(1.1)
+
+
+def test_an_aged_force_that_bends_is_the_same_force_later():
+    """f = 3 t^2, a fifth of a row late."""
+    time = np.arange(5.0)
+    states = States(np.zeros((5, 1)), np.zeros((5, 1)), np.zeros((5, 1)), np.zeros((5, 1, 2, 2)))
+    force = (3 * time**2)[:, None]
+    r = Recording("r", time, np.zeros((5, 1)), None, force)
+    source = Source.build(r, states, force, force, np.array([0.2]), bend=np.full((4, 1), 6.0))
+    edges = np.array([1.0, 1.5, 3.0])
+    np.testing.assert_allclose(source.mean_command(edges)[:, 0], np.diff((edges - 0.2) ** 3) / np.diff(edges))
+
+
+@pytest.mark.parametrize(
+    ("kv", "inertia", "share"), [(1.0, 0.1, 0.02), (100.0, 0.1, 0.02), (400.0, 0.1, 0.02)]
+)
+def test_a_stiff_servos_force_relaxes_within_a_row(kv, inertia, share):
+    """A joint that spins into a servo which damps it: the force falls as exp(-kv t / M)."""
+    xml = f"""<mujoco><option timestep="0.00001" gravity="0 0 0" integrator="implicitfast"/><worldbody><body>
+    <joint name="a" armature="{inertia}"/><geom size=".01" mass="1e-6" contype="0" conaffinity="0"/></body>
+    </worldbody>
+    <actuator><position name="s" joint="a" kp="1" kv="{kv}"/></actuator></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data, rows, felt = mujoco.MjData(model), [], []
+    data.qvel[0] = 1.0
+    for _ in range(3):
+        mujoco.mj_forward(model, data)
+        rows.append([data.qpos.copy(), data.qvel.copy(), data.ctrl.copy(), data.actuator_force.copy()])
+        forces = []
+        for _ in range(1000):
+            mujoco.mj_step(model, data)
+            forces.append(float(data.actuator_force[0]))
+        felt.append(np.mean(forces))
+    q, v, u, f = (np.array(x) for x in zip(*rows, strict=True))
+    r, states = Recording("r", ROW * np.arange(3), q, None, u, f), States(q, v, 0 * v, np.zeros((3, 1, 2, 2)))
+    bend = bends(model, r, states, f, nominal(r, states, model))
+    mean = np.diff(Source.build(r, states, f, f, bend=bend).integral[:, 0])[0] / ROW
+    assert mean == pytest.approx(felt[0], abs=share * abs(f[0, 0]))

@@ -46,6 +46,6 @@ def test_what_acts_along_one_rotors_force_is_placed_at_that_rotor(rotor):
     assert found.unexplained is not None
     assert found.unexplained["at"] == [f"rotor_{name}"]
     table = found.to_json()
-    assert any(row["name"] == f"rotor_{name}" and row["kind"] == "actuator" for row in table["location"]), (
+    assert any(row["at"] == f"rotor_{name}" and row["kind"] == "actuator" for row in table["location"]), (
         table["location"]
     )

@@ -275,7 +275,7 @@ def test_a_dead_zone_of_a_tendons_motor_comes_after_its_limits_or_before():
     ]
     before = [{**effects[0], "form": "actuator_deadzone:limited"}]
     for known, command, force in (
-        (effects[:1], 5.5, 4.0), (effects[:1], -9.0, -4.0), (effects, 6.0, 2.0), (before, 5.5, 4.5), (before, 9.0, 5.0)
+        (effects[:1], 5.5, 4.0), (effects[:1], -9.0, -4.0), (effects, 6.0, 1.5), (before, 5.5, 4.5), (before, 9.0, 5.0)
     ):  # fmt: skip
         stepper = CorrectedModel.build(mujoco.MjSpec.from_string(xml), known).c_stepper()
         stepper.reset(np.zeros(1), np.zeros(1))

@@ -68,9 +68,12 @@ def _unit(ctx: Context, place: Place) -> str:
 
 def _limited(m: mujoco.MjModel, a: int) -> bool:
     """Whether the drive itself limits its force; a limit of its joint comes after everything that the drive does."""
-    joint = int(m.actuator_trnid[a, 0])
-    of_joint = is_joint_transmission(m, a) and m.jnt_actfrclimited[joint]
-    return bool(m.actuator_forcelimited[a] and not of_joint)
+    if not m.actuator_forcelimited[a]:
+        return False
+    joint, gear = int(m.actuator_trnid[a, 0]), float(m.actuator_gear[a, 0])
+    if not is_joint_transmission(m, a) or not m.jnt_actfrclimited[joint] or gear == 0.0:
+        return True
+    return not np.allclose(m.actuator_forcerange[a], np.sort(m.jnt_actfrcrange[joint] / gear))
 
 
 class _BeforeLimits(OfActuator):
@@ -245,7 +248,7 @@ class TorqueSaturation(OfActuator):
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         a, low, high, limit = place.index, -1e12, 1e12, theta[..., 0]
-        if _limited(ctx.model, a):
+        if ctx.model.actuator_forcelimited[a]:
             low, high = (f.get("actuator_forcerange", (a, end)) for end in (0, 1))
         f.set("actuator_forcelimited", (a,), 1)
         # a bias may have moved the drive's own limits past this one
@@ -276,11 +279,7 @@ class ActuatorDeadzone(OfActuator):
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
         a = place.index
-        f = s.f_free[..., a]
-        if self.within and _limited(ctx.model, a):
-            # the given limits, not those of a saturation that was found beside it
-            low, high = map(float, ctx.model.actuator_forcerange[a])
-            f = xp.minimum(xp.maximum(f, low), high)
+        f = (s.f if self.within and _limited(ctx.model, a) else s.f_free)[..., a]
         shrunk = xp.sign(f) * xp.maximum(xp.abs(f) - theta[..., 0], 0.0)
         # limits that a bias has moved past zero do not hold what the dead zone leaves
         least, most = xp.minimum(s.force_low[..., a], 0.0), xp.maximum(s.force_high[..., a], 0.0)
