@@ -70,8 +70,7 @@ def nominal(r: Recording, states: States, plain: mujoco.MjModel) -> Law:
             force = plain_force(plain, a, r.ctrl, states)
             low, high = plain.actuator_forcerange[a]
             slopes[(force <= low) | (force >= high), a] = 0.0
-        slopes[~np.isfinite(r.known("force")[:, a]), a] = 0.0
-    return Law(servo_jumps(r, states, plain), slopes)
+    return Law(servo_jumps(r, states, plain), np.where(np.isfinite(r.known("force"))[..., None], slopes, 0.0))
 
 
 def bends(model: mujoco.MjModel, r: Recording, states: States, smooth: Array, law: Law) -> Array:
