@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from mpge_jax.diagnosis.effects.base import Context, Step
+from mpge_jax.diagnosis.effects.base import Context, Forces, Step
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import TAKEN, clipped, has_plain_law, is_joint_transmission
 from mpge_jax.diagnosis.windows import Windows
@@ -125,6 +125,9 @@ class Runtime:
         for g in self.groups:
             part = _rows(s, g.rows)
             g.memory = g.term.effect.memory(np, self.ctx, g.term.place, g.theta, part)
+            if g.term.place.kind == "actuator":
+                forces, _ = g.term.effect.force(np, self.ctx, g.term.place, g.theta, part, g.memory)
+                _pass_on(s, g, forces)
             seconds = g.term.effect.remembers(self.ctx, g.term.place, g.theta)
             steps = np.minimum(np.ceil(seconds / w.dt), w.history).astype(int)
             if steps.any():
@@ -180,12 +183,20 @@ class Runtime:
                 self.xfrc[rows, place.index, :3] += forces.body
             if forces.actuator is not None:
                 a = place.index
+                _pass_on(s, g, forces)
                 if is_joint_transmission(m, a):
                     dof = int(m.jnt_dofadr[m.actuator_trnid[a, 0]])
                     self.qfrc[rows, dof] += self.gear[a] * forces.actuator
                 else:
                     gain = np.broadcast_to(self.gain[..., a, 0], (self.batch_size,))[rows]
                     self.batch.bind("ctrl")[rows, a] += forces.actuator / gain
+
+
+def _pass_on(s: Step, g: Group, forces: Forces) -> None:
+    """Let effects further down the drive train see what one does to the force of its actuator."""
+    for felt in (s.f, s.f_free, s.engine):
+        if felt is not None and forces.actuator is not None:
+            felt[g.rows, g.term.place.index] += forces.actuator
 
 
 def _either(choice: Array, a: Any, b: Any) -> Any:

@@ -140,7 +140,14 @@ def observe(
 
 
 def force_start(xp: Any, m: Machine, s: Step) -> tuple[Any, ...]:
-    return tuple(t.effect.memory(xp, m.ctx, t.place, xp.asarray(theta), s) for t, theta in m.runtime)
+    out = []
+    for term, theta in m.runtime:
+        effect, place, theta = term.effect, term.place, xp.asarray(theta)
+        out.append(effect.memory(xp, m.ctx, place, theta, s))
+        if place.kind == "actuator":
+            forces, _ = effect.force(xp, m.ctx, place, theta, s, out[-1])
+            s = s.after(xp, place.index, forces)
+    return tuple(out)
 
 
 @dataclass
@@ -172,6 +179,7 @@ def force_step(xp: Any, m: Machine, s: Step, memory: tuple[Any, ...]) -> tuple[A
             body[place.index] = body[place.index] + forces.body
         if forces.actuator is not None:
             a = place.index
+            s = s.after(xp, a, forces)
             if is_joint_transmission(model, a):
                 dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
                 qfrc[dof] = qfrc[dof] + float(model.actuator_gear[a, 0]) * forces.actuator

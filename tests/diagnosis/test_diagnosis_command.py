@@ -324,6 +324,7 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatc
     assert "go on" in capsys.readouterr().err
     kept = json.loads((out / ".progress.json").read_text())
     assert [t["id"] for t in kept["terms"]] == ["coulomb_friction"] and kept["work"] > 0
+    assert kept["looked"] is False
 
     works, attach = [], whole.resume.attach
     monkeypatch.setattr(

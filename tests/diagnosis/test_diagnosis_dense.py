@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from machines import ARM, record
 
+import mpge_jax.diagnosis.search as searching
 from mpge_jax.diagnosis import Config
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.dense import everywhere
@@ -67,3 +68,19 @@ def test_what_is_in_one_joint_is_not_sought_in_all():
     s.say = said.append
     assert everywhere(s, one) is one
     assert any("every joint" in text for text in said)
+
+
+def test_all_joints_are_looked_at_once_where_two_lack_plain_effects(monkeypatch):
+    s, kept = _search(_stiff), []
+    monkeypatch.setattr(s, "keep", kept.append)
+    one = _fitted(s, {"coulomb_friction@elbow": 0.1})
+    two = _fitted(s, {"coulomb_friction@elbow": 0.1, "armature@elbow": 0.01})
+    more = _fitted(
+        s, {"coulomb_friction@elbow": 0.1, "armature@elbow": 0.01, "coulomb_friction@shoulder": 0.1}
+    )
+    monkeypatch.setattr(searching, "everywhere", lambda _s, _f: more)
+    assert searching._wider(s, one) is one
+    assert not s.looked
+    assert searching._wider(s, two) is more
+    assert s.looked and kept == [more]
+    assert searching._wider(s, two) is two

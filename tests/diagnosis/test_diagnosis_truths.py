@@ -359,3 +359,29 @@ def test_commands_of_integrators_are_left_alone():
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
     for effect in ("actuator_delay", "actuator_lag"):
         assert [p.name for p in REGISTRY[effect].places(ctx)] == ["motor"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "at", "values"),
+    [
+        ("backlash", "hinge", {"gap": 0.2}),
+        ("joint_flexibility", "hinge", {"stiffness": 40.0, "damping": 0.1}),
+        ("load_dependent_friction", "hinge", {"coulomb": 0.0, "load_coefficient": 0.5}),
+    ],
+)
+def test_what_a_dead_zone_swallows_reaches_no_gear(effect, at, values):
+    """A motor's force of 0.25 N m, all within the dead zone, leaves the arm as no command does."""
+    xml = f"""<mujoco><option gravity="0 0 0"/><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"
+    armature="0.01"/>{LINK}</body></worldbody><actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
+    known = [
+        _entry("actuator_deadzone", "motor", "actuator", width=0.3),
+        _entry(effect, at, "joint", **values),
+    ]
+    motion = []
+    for command in (0.25, 0.0):
+        stepper = CorrectedModel.build(mujoco.MjSpec.from_string(xml), known).c_stepper()
+        stepper.reset(np.zeros(1), np.full(1, 0.5))
+        for _ in range(50):
+            stepper.step(np.array([command]))
+        motion.append([stepper.data.qpos[0], stepper.data.qvel[0]])
+    np.testing.assert_allclose(motion[0], motion[1], atol=1e-9)

@@ -166,7 +166,7 @@ class StribeckFriction(_Dry):
 
 @register
 class LoadDependentFriction(_Dry):
-    id, tier, runtime = "load_dependent_friction", 2, True
+    id, tier, runtime, order = "load_dependent_friction", 2, True, 7
     equation = "-(Fc + Kl |load|) sgn v, load = actuator force times gear"
     says = "The {at} has dry friction of {coulomb} plus {load_coefficient} times the torque that its drive gives."
     remedy = "make the same motion with two loads, lifting and lowering"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 Array = Any
 """numpy.ndarray or jax.Array."""
@@ -41,6 +43,14 @@ class Step:
     dt: float
     external: Callable[[int], Array] = _nothing
     engine: Array | None = None
+
+    def after(self, xp: Any, actuator: int, more: Forces) -> Step:
+        """The same for effects further down the drive train, with `more` force of an actuator."""
+        if more.actuator is None:
+            return self
+        added = xp.where(np.arange(self.f.shape[-1]) == actuator, xp.asarray(more.actuator)[..., None], 0.0)
+        engine = None if self.engine is None else self.engine + added
+        return replace(self, f=self.f + added, f_free=self.f_free + added, engine=engine)
 
 
 @dataclass
