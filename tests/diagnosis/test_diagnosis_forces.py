@@ -152,6 +152,7 @@ def _located(*terms, joints, rivals=(), actuators=None):
             rivals={term[0]: [SimpleNamespace(tied=True, fit=fit(t)) for t in tied]} if tied else {},
             location=[(name, "joint", ratio) for name, ratio in joints],
             actuators=actuators,
+            unexplained=None,
         )
     )
 
@@ -189,6 +190,7 @@ def test_a_geom_goes_by_its_body():
         rivals={},
         location=[("elbow", "joint", 3.0)],
         actuators=None,
+        unexplained=None,
     )
     assert locate(d) == [("fore", "body", 3.0), ("elbow", "joint", 3.0)]
 
@@ -212,6 +214,7 @@ def test_a_floating_base_is_located_by_its_body():
         fit=fit,
         rivals={},
         actuators=None,
+        unexplained=None,
         location=[("swing", "joint", 1.5)],
     )
     (name, kind, ratio), *others = locate(d)
