@@ -27,7 +27,7 @@ class Law:
 
     Attributes:
         jumps: [T, nu] by how much a force jumps as its command does. slopes: [T, nu, 2] force per length and per speed
-            of the actuator; 0 where it is saturated or was not measured, and of what is no servo.
+            of the actuator; 0 where it is saturated or was not measured, and of plain motors without back-EMF.
     """
 
     jumps: Array

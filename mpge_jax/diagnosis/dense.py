@@ -36,6 +36,7 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     starts = [f for keep in (False, True) if (f := _with_all(s, current, keep)) is not None]
     if not starts:
         return current
+    s.looked = True
     s.say("trying friction, damping and rotor inertia in every joint")
     white = s.whiten_one(current, s.train)
     fits = fit(s.sim, starts, s.train, white, iterations=8)

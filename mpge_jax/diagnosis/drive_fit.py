@@ -186,9 +186,12 @@ def unexplained_drive(
     and by much of what the nominal law misses."""
     missed = [outside(model, ctx, f, a, log, d.dt) for log in d.held]
     nominal = np.concatenate([log.force - predict(model, ctx, NOTHING, a, log, d.dt) for log in d.held])
-    # what a moment or two show alone (the start of a log, a limit that is reached once) is no law
-    by_block = _blocks(np.concatenate(missed), d.held)
-    kept = np.argsort(by_block)[: max(by_block.size - SEVERAL + 1, 1)]
+    # nobody knows what came before a log, and what a moment or two show alone (a limit reached once) is no law
+    by_block, starts = _blocks(np.concatenate(missed), d.held), np.cumsum([0, *_counts(d.held)[:-1]])
+    later = np.setdiff1d(np.arange(by_block.size), starts)
+    kept = later[np.argsort(by_block[later])][: later.size - SEVERAL + 1]
+    if not kept.size:
+        return None
     left = float(by_block[kept].mean()) - d.sigma**2
     before = max(float(_blocks(nominal, d.held)[kept].mean()), 1e-300)
     if left < max(SEEN * float(ctx.drive[a]), MISSED * np.sqrt(before), 2.0 * d.sigma) ** 2:
@@ -199,13 +202,18 @@ def unexplained_drive(
             mine = log.block == block
             first, last = log.time[mine][[0, -1]]
             parts.append((float(np.mean(miss[mine] ** 2)), [log.name, round(first, 4), round(last, 4)]))
-    worst = sorted(parts, key=lambda x: -x[0])[:WORST]
+    worst = sorted((parts[k] for k in later), key=lambda x: -x[0])[:WORST]
     return {
         "when": "between its command and its measured force",
         "intervals": sorted((x[1] for x in worst), key=lambda x: (x[0], x[1])),
         "share": min(left / before, 1.0),
         "of": "force",
     }
+
+
+def _counts(logs: list[Log]) -> list[int]:
+    """How many blocks each log has."""
+    return [np.unique(log.block).size for log in logs]
 
 
 def _blocks(r: Array, logs: list[Log]) -> Array:

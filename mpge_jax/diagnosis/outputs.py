@@ -68,7 +68,9 @@ def diagnosis_table(d: Diagnosis) -> dict[str, Any]:
             }
             for term, fits in ambiguous.items()
         ],
-        "unexplained": d.unexplained,
+        "unexplained": None
+        if d.unexplained is None
+        else {k: x for k, x in d.unexplained.items() if k != "of"},
         "location": [{"at": a, "kind": k, "excess": number(e)} for a, k, e in locate(d)],
         "fit": {
             "unit": error_unit(d),

@@ -60,7 +60,10 @@ def _when(force: Array, clues: dict[str, Array], directions: tuple[str, str]) ->
     if abs(strength) > 0.45:
         when = f"it grows {'with' if strength > 0 else 'as'} the {name}{'' if strength > 0 else ' falls'}"
     else:
-        when = "it depends neither on angle, speed, command nor time in a simple way"
+        known = [
+            k for k in ("angle", "speed", "command", "force", "time") if any(k in clue for clue in clues)
+        ]
+        when = f"it depends neither on {', '.join(known[:-1])} nor {known[-1]} in a simple way"
     sign = float(np.sign(force).mean())
     return when + (f"; it always {directions[0 if sign > 0 else 1]}" if abs(sign) > 0.8 else "")
 
@@ -101,7 +104,8 @@ def describe(
         actuator, moment = drive
         at = [p.names.actuators[actuator]]
         missing = (force * moment).sum(1) / np.maximum((moment**2).sum(1), 1e-300)
-        missing = missing * np.sign(w.command[:, w.history :, actuator].mean(1))
+        gain = p.model.actuator_gainprm[actuator, 0]
+        missing = missing * np.sign(gain * w.command[:, w.history :, actuator].mean(1))
         clues = {"time since the start": w.start, **sizes}
         directions = ("adds to its force", "takes from its force")
     when = _when(missing, clues, directions)

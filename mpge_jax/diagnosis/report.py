@@ -156,8 +156,8 @@ def _not_native(effects: dict[str, Any]) -> str:
     )
 
 
-def _unexplained(table: dict[str, Any]) -> str:
-    u = table["unexplained"]
+def _unexplained(d: Diagnosis) -> str:
+    u = d.unexplained
     if u is None:
         return ""
     rows = [[escape(str(n)), f"{a:.2f}", f"{b:.2f}"] for n, a, b in u["intervals"]]
@@ -221,7 +221,7 @@ def page(d: Diagnosis, table: dict[str, Any], effects: dict[str, Any], figures: 
 <p class="quiet">Root-mean-square error of {_predicted(d, table)}, over {len(held["recordings"])} held-out
 {"recording" if len(held["recordings"]) == 1 else "recordings"}; {escape(noise)}.</p>
 {_table(["joint", "as given", "corrected"], joints)}</div></div>
-{_effects(table)}{_not_native(effects)}{_drives(d)}{_ambiguous(d, table)}{_unexplained(table)}
+{_effects(table)}{_not_native(effects)}{_drives(d)}{_ambiguous(d, table)}{_unexplained(d)}
 <h2>Prediction against measurement</h2>{_image(figures["prediction"], "held-out motion, predicted before and after")}
 <div class="row"><div>{_image(figures["errors"], "errors by joint")}</div>
 <div>{_image(figures["location"], "where force is missing")}</div></div>

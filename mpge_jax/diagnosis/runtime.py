@@ -127,7 +127,7 @@ class Runtime:
             g.memory = g.term.effect.memory(np, self.ctx, g.term.place, g.theta, part)
             if g.term.place.kind == "actuator":
                 forces, _ = g.term.effect.force(np, self.ctx, g.term.place, g.theta, part, g.memory)
-                _pass_on(s, g, forces)
+                self._pass_on(s, g, g.rows, forces)
             seconds = g.term.effect.remembers(self.ctx, g.term.place, g.theta)
             steps = np.minimum(np.ceil(seconds / w.dt), w.history).astype(int)
             if steps.any():
@@ -149,18 +149,40 @@ class Runtime:
         qadr, dof, count = self.ctx.qadr(place), self.ctx.dof(place), int(steps.max())
         past_q, past_v, ago = (x[window, -count:] for x in w.before(qadr, dof))
         aside, moved_v = now.q[:, qadr] - w.q0[window, qadr], moved[:, dof]
+        before = [
+            (other, *np.intersect1d(g.rows, other.rows, return_indices=True)[1:])
+            for other in self.groups
+            if other.term.place.kind == "actuator"
+        ]
         q, v, memory, followed = now.q.copy(), now.v.copy(), g.memory, np.zeros(window.size, bool)
         for k in range(count):
             at = np.maximum(k, count - np.maximum(steps, 1))
             q[:, qadr] = past_q[each, at] + aside - moved_v * ago[each, at]
             v[:, dof] = past_v[each, at] + moved_v
             s = self._observe(q, v, commanded(k - count)[g.rows], g.rows)
+            for other, mine, theirs in before:
+                part = _rows(s, mine)
+                forces, _ = other.term.effect.force(
+                    np, self.ctx, other.term.place, other.theta[theirs], part, ()
+                )
+                self._pass_on(s, other, mine, forces)
             known = (k >= count - steps) & (ago[each, at] > w.dt * (count - k) - 1e-9)
             rest = effect.memory(np, self.ctx, place, g.theta, s)
             memory = _either(followed, memory, rest)
             _, after = effect.force(np, self.ctx, place, g.theta, s, memory)
             memory, followed = _either(known, after, memory), followed | known
         return _either(followed, memory, g.memory)
+
+    def _pass_on(self, s: Step, g: Group, rows: Array, forces: Forces) -> None:
+        """Let effects further down the drive train see what one does to the force of its actuator; as `Step.after`, in
+        place."""
+        if forces.actuator is None:
+            return
+        a = g.term.place.index
+        known = s.f if is_joint_transmission(self.model, a) else s.f_free
+        s.f[rows, a] = s.f_free[rows, a] = known[rows, a] + forces.actuator
+        if s.engine is not None:
+            s.engine[rows, a] += forces.actuator
 
     def apply(self) -> None:
         """Set the effects' forces for the next step."""
@@ -183,20 +205,13 @@ class Runtime:
                 self.xfrc[rows, place.index, :3] += forces.body
             if forces.actuator is not None:
                 a = place.index
-                _pass_on(s, g, forces)
+                self._pass_on(s, g, rows, forces)
                 if is_joint_transmission(m, a):
                     dof = int(m.jnt_dofadr[m.actuator_trnid[a, 0]])
                     self.qfrc[rows, dof] += self.gear[a] * forces.actuator
                 else:
                     gain = np.broadcast_to(self.gain[..., a, 0], (self.batch_size,))[rows]
                     self.batch.bind("ctrl")[rows, a] += forces.actuator / gain
-
-
-def _pass_on(s: Step, g: Group, forces: Forces) -> None:
-    """Let effects further down the drive train see what one does to the force of its actuator."""
-    for felt in (s.f, s.f_free, s.engine):
-        if felt is not None and forces.actuator is not None:
-            felt[g.rows, g.term.place.index] += forces.actuator
 
 
 def _either(choice: Array, a: Any, b: Any) -> Any:

@@ -62,7 +62,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
                 continue
         current = chosen.fit
         if depth + 1 == AFTER:
-            current, s.looked = everywhere(s, current), True
+            current = everywhere(s, current)
         s.keep(current)
     return current, last or first_round
 
@@ -71,7 +71,6 @@ def _wider(s: Search, current: Fitted) -> Fitted:
     """`current`, or what a look at all joints together finds where two plain effects of joints were found; once."""
     if s.looked or not drives_lack(current):
         return current
-    s.looked = True
     found = everywhere(s, current)
     if found is not current:
         s.keep(found)

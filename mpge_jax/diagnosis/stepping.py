@@ -146,7 +146,7 @@ def force_start(xp: Any, m: Machine, s: Step) -> tuple[Any, ...]:
         out.append(effect.memory(xp, m.ctx, place, theta, s))
         if place.kind == "actuator":
             forces, _ = effect.force(xp, m.ctx, place, theta, s, out[-1])
-            s = s.after(xp, place.index, forces)
+            s = s.after(xp, place.index, forces, is_joint_transmission(m.model, place.index))
     return tuple(out)
 
 
@@ -179,7 +179,7 @@ def force_step(xp: Any, m: Machine, s: Step, memory: tuple[Any, ...]) -> tuple[A
             body[place.index] = body[place.index] + forces.body
         if forces.actuator is not None:
             a = place.index
-            s = s.after(xp, a, forces)
+            s = s.after(xp, a, forces, is_joint_transmission(model, a))
             if is_joint_transmission(model, a):
                 dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
                 qfrc[dof] = qfrc[dof] + float(model.actuator_gear[a, 0]) * forces.actuator

@@ -78,7 +78,12 @@ def test_all_joints_are_looked_at_once_where_two_lack_plain_effects(monkeypatch)
     more = _fitted(
         s, {"coulomb_friction@elbow": 0.1, "armature@elbow": 0.01, "coulomb_friction@shoulder": 0.1}
     )
-    monkeypatch.setattr(searching, "everywhere", lambda _s, _f: more)
+
+    def look(s, _current):
+        s.looked = True
+        return more
+
+    monkeypatch.setattr(searching, "everywhere", look)
     assert searching._wider(s, one) is one
     assert not s.looked
     assert searching._wider(s, two) is more

@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.between_rows import servo_jumps
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
-from mpge_jax.diagnosis.drive_fit import Log, predict
+from mpge_jax.diagnosis.drive_fit import Data, Log, predict, unexplained_drive
 from mpge_jax.diagnosis.drives import plain_force
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
 from mpge_jax.diagnosis.fit import fit
@@ -248,3 +248,28 @@ def test_effects_of_actuators_act_on_forces_within_their_limits(terms, forces):
     log = Log("r", 0.01 * np.arange(3), np.array([[-1.0, 0.2, 1.0]]), np.arange(3), rest, rest, rest, rest)
     f = Fitted(h, h.gather(ctx, parts), np.zeros(0))
     np.testing.assert_allclose(predict(model, ctx, f, 0, log, 0.01), forces, atol=1e-12)
+
+
+def test_what_came_before_a_log_is_nothing_unexplained():
+    """Twenty logs of a second, of a motor with a lag of 50 ms, that begin in the midst of motion."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1"/></body></worldbody>
+        <actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
+    )
+    ctx, term = nominal_context(model), Term("actuator_lag", Place("actuator", "motor", 0))
+    rng, lag, dt, logs = np.random.default_rng(0), 0.05, 0.01, []
+    for k in range(20):
+        t = dt * np.arange(200)
+        u = np.sin(np.outer(t, rng.uniform(3, 25, 6)) + rng.uniform(0, 6, 6)).sum(1)
+        late = np.zeros(200)
+        for i in range(199):
+            late[i + 1] = u[i] + (late[i] - u[i]) * np.exp(-dt / lag)
+        force, rows = late[100:] + 1e-3 * rng.standard_normal(100), np.arange(100)
+        rest = np.zeros(100)
+        logs.append(Log(f"run_{k}", t[:100], u[None, 100:], rows, force, rest, rest, 4 * k + rows // 25))
+    ctx = dataclasses.replace(ctx, drive=np.array([3.0]))
+    f = Fitted(Hypothesis.of(term), np.array([lag]), np.zeros(0))
+    assert unexplained_drive(model, ctx, f, 0, Data(logs, logs, 1e-3, dt)) is None
+    wrong = dataclasses.replace(f, theta=np.array([4 * lag]))
+    left = unexplained_drive(model, ctx, wrong, 0, Data(logs, logs, 1e-3, dt))
+    assert left is not None and len(left["intervals"]) == 8

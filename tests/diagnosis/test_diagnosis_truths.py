@@ -20,7 +20,10 @@ from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.recording import validate
-from mpge_jax.diagnosis.simulate import Run
+from mpge_jax.diagnosis.simulate import Run, Simulator
+from mpge_jax.diagnosis.source import Source
+from mpge_jax.diagnosis.states import States
+from mpge_jax.diagnosis.windows import Windows
 
 LINK = """<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/>"""
 
@@ -385,3 +388,65 @@ def test_what_a_dead_zone_swallows_reaches_no_gear(effect, at, values):
             stepper.step(np.array([command]))
         motion.append([stepper.data.qpos[0], stepper.data.qvel[0]])
     np.testing.assert_allclose(motion[0], motion[1], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [("backlash", {"gap": 0.05}), ("joint_flexibility", {"stiffness": 40.0, "damping": 0.4})],
+)
+def test_a_dead_zone_takes_from_a_drive_at_its_limit_too(effect, values):
+    """A motor of at most 5 N m, less 1 N m, holds a spring of 10 N m/rad 0.4 rad away, behind a gear or not."""
+    xml = f"""<mujoco><option gravity="0 0 0"/><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"
+    armature="0.01" damping="2" stiffness="10"/>{LINK}</body></worldbody><actuator>
+    <motor name="motor" joint="hinge" forcerange="-5 5"/></actuator></mujoco>"""
+    known = [
+        _entry("actuator_deadzone", "motor", "actuator", width=1.0),
+        _entry(effect, "hinge", "joint", **values),
+    ]
+    stepper = CorrectedModel.build(mujoco.MjSpec.from_string(xml), known).c_stepper()
+    stepper.reset(np.full(1, 0.4), np.zeros(1))
+    for _ in range(2000):
+        stepper.step(np.array([9.0]))
+    assert stepper.data.qpos[0] == pytest.approx(0.4, abs=0.005)
+
+
+def test_limits_that_meet_can_be_written():
+    xml = f"""<mujoco><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>{LINK}</body></worldbody>
+    <actuator><motor name="motor" joint="hinge" forcerange="-0.5 0.5"/></actuator></mujoco>"""
+    known = [
+        _entry("actuator_bias", "motor", "actuator", bias=0.7),
+        _entry("torque_saturation", "motor", "actuator", limit=0.1),
+    ]
+    _, model, native = _exported(xml, *known)
+    assert all(native)
+    np.testing.assert_allclose(model.actuator_forcerange[0], 0.1, rtol=2e-3)
+
+
+@pytest.mark.parametrize(("effect", "theta"), [("backlash", [0.1]), ("joint_flexibility", [3.0, 0.02])])
+def test_the_motors_past_knows_the_dead_zone(effect, theta):
+    """Before a window, too, 0.25 N m within a dead zone of 0.3 N m do nothing behind the gear."""
+    xml = f"""<mujoco><option gravity="0 0 0"/><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"
+    armature="0.01"/>{LINK}</body></worldbody><actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
+    model = compile_variable(mujoco.MjSpec.from_string(xml))
+    ctx, dt, steps, history = nominal_context(model), float(model.opt.timestep), 40, 300
+    time = dt * np.arange(600)
+    q, v = 0.3 * np.sin(4 * time)[:, None], 1.2 * np.cos(4 * time)[:, None]
+    states = States(q, v, 0 * q, np.zeros((600, 1, 2, 2)))
+    gear = Term(effect, Place("joint", "hinge", 0))
+    zone = Term("actuator_deadzone", Place("actuator", "motor", 0))
+    parts = {gear: np.array(theta), zone: np.array([0.3])}
+    got = {}
+    for terms in ((gear,), (gear, zone)):
+        h = Hypothesis.of(*terms)
+        for force in (0.0, 0.25):
+            u = np.full((600, 1), force)
+            source = Source.build(Recording("r", time, q, None, u), states, u)
+            w = Windows(
+                (source,), np.zeros(1, int), time[400:401], dt, steps, q[400:401], v[400:401], np.zeros((1, 1, 2, 2)),
+                np.zeros((1, 0)), np.full((1, history + steps, 1), force), dt * np.arange(1, steps + 1)[None],
+                np.ones((1, steps), bool), q[None, 401 : 401 + steps], np.full((1, steps, 1), np.nan),
+            )  # fmt: skip
+            run = Run(h, h.gather(ctx, parts))
+            got[len(terms), force] = Simulator(model, ctx).residuals([run], w)[0, 0, :, 0]
+    assert np.abs(got[1, 0.0] - got[1, 0.25]).max() > 1e-3
+    np.testing.assert_allclose(got[2, 0.25], got[2, 0.0], atol=1e-9)

@@ -107,6 +107,12 @@ def _attribute(elements: str, name: str, make: Callable[[Any], Any] = np.array) 
     return write
 
 
+def _wide(limits: Array) -> Array:
+    """Limits that MuJoCo accepts: it takes no force that is always the same."""
+    low, high = map(float, limits)
+    return np.array([low, max(high, low + 1e-3 * max(abs(low), 1e-3))])
+
+
 def _of_dof(name: str, make: Callable[[Any], Any] = np.array) -> Callable[..., None]:
     def write(f: SpecFields, dof: int, value: Array) -> None:
         setattr(_joint(f, dof), name, make(value))
@@ -118,7 +124,7 @@ _WRITERS: dict[str, Callable[[SpecFields, int, Array], Any]] = {
     "actuator_gainprm": _attribute("actuators", "gainprm"),
     "actuator_biasprm": _attribute("actuators", "biasprm"),
     "actuator_biastype": _attribute("actuators", "biastype", lambda v: mujoco.mjtBias(int(v))),
-    "actuator_forcerange": _attribute("actuators", "forcerange"),
+    "actuator_forcerange": _attribute("actuators", "forcerange", _wide),
     "actuator_forcelimited": _attribute("actuators", "forcelimited", int),
     "actuator_armature": _attribute("actuators", "armature", float),
     "body_gravcomp": _attribute("bodies", "gravcomp", float),

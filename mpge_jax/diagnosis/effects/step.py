@@ -44,13 +44,18 @@ class Step:
     external: Callable[[int], Array] = _nothing
     engine: Array | None = None
 
-    def after(self, xp: Any, actuator: int, more: Forces) -> Step:
-        """The same for effects further down the drive train, with `more` force of an actuator."""
+    def after(self, xp: Any, actuator: int, more: Forces, joint: bool) -> Step:
+        """The same for effects further down the drive train, with `more` force of an actuator (of a `joint`: added to
+        its force; else: to its command, before its limits)."""
         if more.actuator is None:
             return self
-        added = xp.where(np.arange(self.f.shape[-1]) == actuator, xp.asarray(more.actuator)[..., None], 0.0)
+        here = np.arange(self.f.shape[-1]) == actuator
+        added = xp.where(here, xp.asarray(more.actuator)[..., None], 0.0)
+        force = (self.f if joint else self.f_free) + added
         engine = None if self.engine is None else self.engine + added
-        return replace(self, f=self.f + added, f_free=self.f_free + added, engine=engine)
+        return replace(
+            self, f=xp.where(here, force, self.f), f_free=xp.where(here, force, self.f_free), engine=engine
+        )
 
 
 @dataclass
