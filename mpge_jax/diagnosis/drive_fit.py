@@ -254,10 +254,10 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) ->
     return replace(start, theta=theta, cov=bread @ (scores.T @ scores) @ bread, loss=float(out.cost))
 
 
-def _too_fast(ctx: Context, f: Fitted, term: Term, dt: float) -> bool:
-    """Whether a lag passes before its first sample after a step of the command: there it is a delay."""
-    part = dict(zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True))[term]
-    return term.id == "actuator_lag" and float(f.theta[part][0]) < FAST * dt
+def _too_fast(ctx: Context, f: Fitted, dt: float) -> Term | None:
+    """A lag that passes before its first sample after a step of the command: there it is a delay."""
+    parts = f.hypothesis.split(ctx, f.theta).items()
+    return next((t for t, x in parts if t.id == "actuator_lag" and float(x[0]) < FAST * dt), None)
 
 
 def _tier(f: Fitted) -> int:
@@ -280,7 +280,16 @@ def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: 
                 f = _fit(model, ctx, Fitted(h, h.gather(ctx, {**parts, term: start}), np.zeros(0)), a, d)
                 if best is None or f.loss < best.loss:
                     best = f
-            if best is not None and not _too_fast(ctx, best, term, d.dt):
+            if best is not None and (fast := _too_fast(ctx, best, d.dt)) is not None:
+                # found before the delay for which it stood
+                h = best.hypothesis.without(fast)
+                parts = best.hypothesis.split(ctx, best.theta)
+                best = (
+                    _fit(model, ctx, Fitted(h, h.gather(ctx, parts), np.zeros(0)), a, d)
+                    if fast != term
+                    else None
+                )
+            if best is not None:
                 blocks = _blocks(residual(model, ctx, best, a, d.held, d), d.held)
                 field_.append((best, blocks))
         if not field_:

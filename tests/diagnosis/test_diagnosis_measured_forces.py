@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.between_rows import servo_jumps
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
-from mpge_jax.diagnosis.drive_fit import Data, Log, predict, unexplained_drive
+from mpge_jax.diagnosis.drive_fit import Data, Log, predict, search_law, unexplained_drive
 from mpge_jax.diagnosis.drives import plain_force
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
 from mpge_jax.diagnosis.fit import fit
@@ -273,3 +273,24 @@ def test_what_came_before_a_log_is_nothing_unexplained():
     wrong = dataclasses.replace(f, theta=np.array([4 * lag]))
     left = unexplained_drive(model, ctx, wrong, 0, Data(logs, logs, 1e-3, dt))
     assert left is not None and len(left["intervals"]) == 8
+
+
+def test_a_delay_is_not_called_a_lag_beside_it():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1"/></body></worldbody>
+        <actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
+    )
+    rng, logs = np.random.default_rng(0), []
+    for k in range(6):
+        t = 0.01 * np.arange(400)
+        u = np.sin(np.outer(t, rng.uniform(3, 25, 6)) + rng.uniform(0, 6, 6)).sum(1)
+        grid = np.repeat(u, 2)
+        force = np.concatenate([u[:1], u[:1], u[:-2]]) + 1e-2 * rng.standard_normal(400)
+        rest, rows = np.zeros(400), np.arange(400)
+        logs.append(Log(f"run_{k}", t, grid[None], 2 * rows, force, rest, rest, 16 * k + rows // 25))
+    data = Data(logs[:4], logs[4:], 1e-2, 0.005)
+    ctx = dataclasses.replace(nominal_context(model), drive=np.array([3.0]), period=0.01)
+    found = search_law(model, ctx, Place("actuator", "motor", 0), data, ["actuator_lag", "actuator_delay"])
+    assert [t.id for t in found.hypothesis.terms] == ["actuator_delay"]
+    # a force that is seen at the rows alone tells the delay to a row
+    assert 0.01 <= found.theta[0] <= 0.02
