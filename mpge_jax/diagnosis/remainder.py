@@ -86,11 +86,8 @@ def describe(
         order = [base[int(np.argmax(total[base]))]]
         at = [p.names.bodies[int(p.model.dof_bodyid[order[0]])]]
     w, worst = s.train, order[0]
-    at, missing, directions = (
-        list(dict.fromkeys(at)),
-        force[:, worst],
-        ("pushes forwards", "pushes backwards"),
-    )
+    at, missing = list(dict.fromkeys(at)), force[:, worst]
+    directions = ("pushes forwards", "pushes backwards")
     sizes = {}
     for a, name in enumerate(p.names.actuators):
         what = "measured force" if p.measured[a] else "command"

@@ -161,10 +161,13 @@ class Runtime:
             v[:, dof] = past_v[each, at] + moved_v
             s = self._observe(q, v, commanded(k - count)[g.rows], g.rows)
             for other, mine, theirs in before:
-                part = _rows(s, mine)
-                forces, _ = other.term.effect.force(
-                    np, self.ctx, other.term.place, other.theta[theirs], part, ()
+                part, drive, at_drive = (
+                    _rows(s, mine),
+                    other.term.effect,
+                    (other.term.place, other.theta[theirs]),
                 )
+                remembered = drive.memory(np, self.ctx, *at_drive, part)
+                forces, _ = drive.force(np, self.ctx, *at_drive, part, remembered)
                 self._pass_on(s, other, mine, forces)
             known = (k >= count - steps) & (ago[each, at] > w.dt * (count - k) - 1e-9)
             rest = effect.memory(np, self.ctx, place, g.theta, s)
