@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.between_rows import Law, nominal
-from mpge_jax.diagnosis.drive_fit import Data, Log, between, log_of, residual, search_law, unexplained_drive
+from mpge_jax.diagnosis.drive_fit import Data, Log, between, log_of, residual, search_law
+from mpge_jax.diagnosis.drive_left import unexplained_drive
 from mpge_jax.diagnosis.drives import drive_by_force, is_servo
 from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.fit import timing_error

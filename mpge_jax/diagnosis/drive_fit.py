@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.drives import stroke
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, Step
-from mpge_jax.diagnosis.evidence import SEVERAL, rare
+from mpge_jax.diagnosis.evidence import rare
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import clipped, is_joint_transmission
@@ -24,17 +24,12 @@ MAX_EFFECTS = 3
 DETAIL, FEW = 0.02, 5
 """Share of an actuator's largest forces by which an effect must change so many: less is a matter of when within a
 timestep a force was measured."""
-MISSED, SEEN = 0.1, 0.01
-"""Share of what the nominal law misses, and of an actuator's largest forces, that a law must miss (root mean square)
-for something to be left."""
 FAST = 0.3
 """Time constant, in steps of the grid, below which a lag cannot be told from a delay."""
 NEAR = 1e-6
 """Length and speed by which a law is probed for its slopes."""
 PAUSE = 2.0
 """Seconds that a gap in a log counts for at most."""
-WORST = 8
-"""Stretches of recordings that are listed where something is left."""
 
 
 class _Table(Fields):
@@ -171,52 +166,7 @@ def residual(model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, logs: list[
     return np.concatenate([log.force - predict(model, ctx, f, a, log, d.dt) for log in logs]) / d.sigma
 
 
-def outside(model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, log: Log, dt: float) -> Array:
-    """By how much [T] each measured force lies outside what `f` predicts for it and its neighbours in time: nobody
-    knows to a row when a force was measured."""
-    force = predict(model, ctx, f, a, log, dt)
-    near = np.stack([force, np.append(force[1:], force[-1]), np.append(force[0], force[:-1])])
-    return np.maximum(np.maximum(near.min(0) - log.force, log.force - near.max(0)), 0.0)
-
-
-def unexplained_drive(
-    model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, d: Data
-) -> dict[str, Any] | None:
-    """The `unexplained` entry of a drive whose held-out forces `f` misses, whatever the timing, by more than noise
-    and by much of what the nominal law misses."""
-    missed = [outside(model, ctx, f, a, log, d.dt) for log in d.held]
-    nominal = np.concatenate([log.force - predict(model, ctx, NOTHING, a, log, d.dt) for log in d.held])
-    # nobody knows what came before a log, and what a moment or two show alone (a limit reached once) is no law
-    by_block, starts = _blocks(np.concatenate(missed), d.held), np.cumsum([0, *_counts(d.held)[:-1]])
-    later = np.setdiff1d(np.arange(by_block.size), starts)
-    kept = later[np.argsort(by_block[later])][: later.size - SEVERAL + 1]
-    if not kept.size:
-        return None
-    left = float(by_block[kept].mean()) - d.sigma**2
-    before = max(float(_blocks(nominal, d.held)[kept].mean()), 1e-300)
-    if left < max(SEEN * float(ctx.drive[a]), MISSED * np.sqrt(before), 2.0 * d.sigma) ** 2:
-        return None
-    parts = []
-    for log, miss in zip(d.held, missed, strict=True):
-        for block in np.unique(log.block):
-            mine = log.block == block
-            first, last = log.time[mine][[0, -1]]
-            parts.append((float(np.mean(miss[mine] ** 2)), [log.name, round(first, 4), round(last, 4)]))
-    worst = sorted((parts[k] for k in later), key=lambda x: -x[0])[:WORST]
-    return {
-        "when": "between its command and its measured force",
-        "intervals": sorted((x[1] for x in worst), key=lambda x: (x[0], x[1])),
-        "share": min(left / before, 1.0),
-        "of": "force",
-    }
-
-
-def _counts(logs: list[Log]) -> list[int]:
-    """How many blocks each log has."""
-    return [np.unique(log.block).size for log in logs]
-
-
-def _blocks(r: Array, logs: list[Log]) -> Array:
+def blocks_of(r: Array, logs: list[Log]) -> Array:
     """Mean squared residual of each block [B]."""
     block = np.concatenate([log.block for log in logs])
     _, index = np.unique(block, return_inverse=True)
@@ -290,11 +240,11 @@ def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: 
                     else None
                 )
             if best is not None:
-                blocks = _blocks(residual(model, ctx, best, a, d.held, d), d.held)
+                blocks = blocks_of(residual(model, ctx, best, a, d.held, d), d.held)
                 field_.append((best, blocks))
         if not field_:
             return current
-        before = _blocks(residual(model, ctx, current, a, d.held, d), d.held)
+        before = blocks_of(residual(model, ctx, current, a, d.held, d), d.held)
         reference = min((x[1] for x in field_), key=np.median)
         before = _robust(before, reference)
         field_ = sorted(((f, _robust(b, reference)) for f, b in field_), key=lambda x: x[1].mean())
@@ -308,7 +258,7 @@ def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: 
         error = gain.std() / np.sqrt(max(gain.size - 1, 1))
         if gain.mean() < 3 * error or gain.mean() < 0.05 * before.mean():
             first, second = (
-                _robust(_blocks(residual(model, ctx, f, a, d.train, d), d.train), reference)
+                _robust(blocks_of(residual(model, ctx, f, a, d.train, d), d.train), reference)
                 for f in (current, chosen)
             )
             worse, better = np.concatenate([first, before]), np.concatenate([second, after])

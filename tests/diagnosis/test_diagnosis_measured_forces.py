@@ -12,7 +12,8 @@ from mpge_jax.diagnosis.actuator_side import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.between_rows import servo_jumps
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor, force_noise
-from mpge_jax.diagnosis.drive_fit import Data, Log, predict, search_law, unexplained_drive
+from mpge_jax.diagnosis.drive_fit import Data, Log, predict, search_law
+from mpge_jax.diagnosis.drive_left import unexplained_drive
 from mpge_jax.diagnosis.drives import plain_force
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
 from mpge_jax.diagnosis.fit import fit
