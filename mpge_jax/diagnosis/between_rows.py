@@ -36,10 +36,19 @@ class Law:
 
 def source_of(r: Recording, states: States, plain: mujoco.MjModel, measured: Array) -> Source:
     """A recording with what drives the machine: commands, or forces where they were measured."""
-    command, law = driving(r, plain, measured), nominal(r, states, plain)
-    smooth = np.where(measured & follows(plain), command - np.cumsum(law.jumps, axis=0), 0.0)
-    late = np.where(measured, 0.0, plain.actuator_delay)
-    return Source.build(r, states, command, smooth, late=late, bend=bends(plain, r, states, smooth, law))
+    command, late = driving(r, plain, measured), np.where(measured, 0.0, plain.actuator_delay)
+    held = Source.build(r, states, command, late=late)
+    return followed(held, plain, measured & follows(plain), nominal(r, states, plain))
+
+
+def followed(
+    source: Source, plain: mujoco.MjModel, moving: Array, law: Law, age: Array | None = None
+) -> Source:
+    """The same with the forces of `moving` [nu] actuators following the motion between rows, `age` [nu] (s) late."""
+    r, states = source.recording, source.states
+    smooth = np.where(moving, source.command - np.cumsum(law.jumps, axis=0), 0.0)
+    bend = bends(plain, r, states, smooth, law)
+    return Source.build(r, states, source.command, smooth, age, late=source.late, bend=bend)
 
 
 def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> Array:

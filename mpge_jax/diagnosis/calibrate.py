@@ -91,7 +91,7 @@ def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int
     ]
     along = {k: activations(sim.model, w.sources[k]) for k in set(w.source.tolist())}
     filled = [along[k][row] for k, row in zip(w.source, rows, strict=True)]
-    simulated = zip(_simulated(prepared, f, w, shaken, rng), filled, w.source, rows, strict=True)
+    simulated = zip(_simulated(prepared, f, w, rows, shaken, rng), filled, w.source, rows, strict=True)
     kept = [x for x in simulated if x[0].time.size >= 14]
     if not kept:
         return Floor()
@@ -157,7 +157,7 @@ def _again(r: Recording, states: States, act: Array, original: Source, row: int)
 
 
 def _simulated(
-    prepared: Prepared, f: Fitted, w: Windows, shaken: Array, rng: np.random.Generator
+    prepared: Prepared, f: Fitted, w: Windows, rows: list[int], shaken: Array, rng: np.random.Generator
 ) -> list[Recording]:
     m = prepared.model
     residual = prepared.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
@@ -180,9 +180,8 @@ def _simulated(
         grid = w.start[k] + time
         source = w.sources[w.source[k]]
         ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
-        first = source.recording.time.searchsorted(w.start[k] + 1e-9)
         # where forces change between rows, they are as at the row, and not on average until the next
-        ctrl = np.where(source.smooth.any(0), source.command[first : first + n], ctrl)
+        ctrl = np.where(source.smooth.any(0), source.command[rows[k] : rows[k] + n], ctrl)
         if shaken.any():
             # the machine felt the force, the recording holds it with noise
             ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape)

@@ -36,8 +36,9 @@ def unexplained_drive(
     missed = [outside(model, ctx, f, a, log, d.dt) for log in d.held]
     nominal = np.concatenate([log.force - predict(model, ctx, NOTHING, a, log, d.dt) for log in d.held])
     # nobody knows what came before a log, and what a moment or two show alone (a limit reached once) is no law
-    by_block, starts = blocks_of(np.concatenate(missed), d.held), np.cumsum([0, *_counts(d.held)[:-1]])
-    later = np.setdiff1d(np.arange(by_block.size), starts)
+    by_block = blocks_of(np.concatenate(missed), d.held)
+    blocks = [(log, block) for log in d.held for block in np.unique(log.block)]
+    later = np.array([k for k, (log, block) in enumerate(blocks) if block != log.block[0]], dtype=int)
     kept = later[np.argsort(by_block[later])][: later.size - SEVERAL + 1]
     if not kept.size:
         return None
@@ -45,21 +46,14 @@ def unexplained_drive(
     before = max(float(blocks_of(nominal, d.held)[kept].mean()), 1e-300)
     if left < max(SEEN * float(ctx.drive[a]), MISSED * np.sqrt(before), 2.0 * d.sigma) ** 2:
         return None
-    parts = []
-    for log, miss in zip(d.held, missed, strict=True):
-        for block in np.unique(log.block):
-            mine = log.block == block
-            first, last = log.time[mine][[0, -1]]
-            parts.append((float(np.mean(miss[mine] ** 2)), [log.name, round(first, 4), round(last, 4)]))
-    worst = sorted((parts[k] for k in later), key=lambda x: -x[0])[:WORST]
+    intervals = []
+    for k in sorted(later, key=lambda k: -by_block[k])[:WORST]:
+        log, block = blocks[k]
+        first, last = log.time[log.block == block][[0, -1]]
+        intervals.append([log.name, round(first, 4), round(last, 4)])
     return {
         "when": "between its command and its measured force",
-        "intervals": sorted((x[1] for x in worst), key=lambda x: (x[0], x[1])),
+        "intervals": sorted(intervals),
         "share": min(left / before, 1.0),
         "of": "force",
     }
-
-
-def _counts(logs: list[Log]) -> list[int]:
-    """How many blocks each log has."""
-    return [np.unique(log.block).size for log in logs]

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.activations import settling
-from mpge_jax.diagnosis.between_rows import Law, bends, source_of
+from mpge_jax.diagnosis.between_rows import Law, followed, source_of
 from mpge_jax.diagnosis.candidates import all_terms
 from mpge_jax.diagnosis.checks import (
     check_base,
@@ -101,10 +101,7 @@ def with_drives(
     ages = np.array([(age or {}).get(a, 0.0) for a in range(plain.nu)])
 
     def again(s: Source) -> Source:
-        between = law(s)
-        smooth = np.where(p.measured & continuous, s.command - np.cumsum(between.jumps, axis=0), 0.0)
-        bend = bends(plain, s.recording, s.states, smooth, between)
-        return Source.build(s.recording, s.states, s.command, smooth, ages, late=s.late, bend=bend)
+        return followed(s, plain, p.measured & continuous, law(s), ages)
 
     return replace(
         p,
