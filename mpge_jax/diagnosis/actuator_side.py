@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.arrivals import Arrival, whole_rows
 from mpge_jax.diagnosis.between_rows import Law, nominal
 from mpge_jax.diagnosis.drive_fit import Data, Log, between, log_of, residual, search_law
 from mpge_jax.diagnosis.drive_left import unexplained_drive
@@ -19,12 +20,15 @@ from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import clipped, compile_variable, has_plain_law
 from mpge_jax.diagnosis.noise import column_noise
+from mpge_jax.diagnosis.parameters import number, parameters
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.simulate import Simulator
 from mpge_jax.diagnosis.source import Source
+from mpge_jax.diagnosis.words import clause, quantity
 
 Array = np.ndarray
-LATE = {"actuator_delay", "actuator_lag"}
+DELAY = "actuator_delay"
+LATE = {DELAY, "actuator_lag"}
 """Drives whose force does not jump when its command does."""
 MOVING = {"actuator_lag", "back_emf"}
 """Those whose force changes between two commands."""
@@ -35,19 +39,88 @@ class ActuatorSide:
     """What was found between commands and measured forces.
 
     Attributes:
-        effects: entries of `diagnosis.json`. table: entries of `effects.json`. errors: actuator -> held-out rms
-        force error (before, after). excess: actuator -> squared error as given over that of the noise. left: entries of
-        what no law explains.
+        fits: one per actuator that lacks something. drops: by how much each effect lowers the held-out squared error
+        of the force. errors: actuator -> held-out rms force error (before, after). excess: actuator -> squared error
+        as given over that of the noise. left: entries of what no law explains.
     """
 
     ctx: Context
     fits: list[Fitted] = field(default_factory=list)
-    effects: list[dict[str, Any]] = field(default_factory=list)
-    table: list[dict[str, Any]] = field(default_factory=list)
-    sentences: list[str] = field(default_factory=list)
+    drops: dict[Term, float] = field(default_factory=dict)
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
     excess: dict[str, float] = field(default_factory=dict)
     left: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def effects(self) -> list[dict[str, Any]]:
+        """Entries of `diagnosis.json`."""
+        return [
+            {
+                "id": term.name,
+                "at": term.place.name,
+                "parameters": parameters(self.ctx, f, term),
+                "error_drop": number(self.drops[term]),
+                "rivals": [],
+            }
+            for f in self.fits
+            for term in f.hypothesis.terms
+        ]
+
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """Entries of `effects.json`."""
+        return [
+            {
+                "id": term.name,
+                "form": term.id,
+                "at": term.place.name,
+                "kind": "actuator",
+                "parameters": {
+                    k: np.asarray(v, dtype=float).tolist()
+                    for k, v in term.effect.report(self.ctx, term.place, theta).items()
+                },
+            }
+            for f in self.fits
+            for term, theta in f.hypothesis.split(self.ctx, f.theta).items()
+        ]
+
+    @property
+    def sentences(self) -> list[str]:
+        out = []
+        for f in self.fits:
+            for term in f.hypothesis.terms:
+                shown = {k: quantity(v) for k, v in parameters(self.ctx, f, term).items()}
+                says = clause(term.effect.sentence(term.place, shown))
+                out.append(f"Between command and measured force, {says}.")
+        return out
+
+    def late(self, plain: mujoco.MjModel) -> list[int]:
+        """Actuators whose force was found to come late, and is held between rows all the same."""
+        return [
+            f.hypothesis.terms[0].place.index
+            for f in self.fits
+            if (names := {t.name for t in f.hypothesis.terms}) & {DELAY}
+            and not names & MOVING
+            and not is_servo(plain, f.hypothesis.terms[0].place.index)
+        ]
+
+    def arrived(self, when: dict[int, Arrival]) -> ActuatorSide:
+        """The same with delays as the motion tells them, within the rows that the forces told."""
+        fits = []
+        for f in self.fits:
+            a = f.hypothesis.terms[0].place.index
+            delay = next((t for t in f.hypothesis.terms if t.name == DELAY), None)
+            if delay is not None and a in when:
+                params = f.hypothesis.params(self.ctx)
+                i = f.hypothesis.slices(self.ctx)[f.hypothesis.terms.index(delay)].start
+                theta, cov = f.theta.copy(), f.cov.copy()
+                theta[i] = whole_rows(theta[i], self.ctx.period) * self.ctx.period + when[a].after
+                cov[i], cov[:, i] = 0.0, 0.0
+                exact = timing_error(params, theta, float(self.ctx.model.opt.timestep))[i]
+                cov[i, i] = when[a].deviation ** 2 + exact**2
+                f = replace(f, theta=theta, cov=cov)
+            fits.append(f)
+        return replace(self, fits=fits)
 
     def between_rows(self, plain: mujoco.MjModel) -> tuple[set[int], Callable[[Source], Law]]:
         """Actuators whose force was found not to be held between two rows, as it lags behind the command or falls with
@@ -82,8 +155,6 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
     Args:
         nominal: the model as given (commands in). ids: effects to try.
     """
-    from mpge_jax.diagnosis.parameters import number, parameters
-
     together = p.train_sources + p.held_sources
     if not p.measured.any() or any(s.recording.ctrl is None for s in together):
         return None
@@ -137,36 +208,12 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
             continue
         out.fits.append(f)
         parts = f.hypothesis.split(ctx, f.theta)
-        for term, theta in parts.items():
+        for term in parts:
             h = f.hypothesis.without(term)
             less = Fitted(h, h.gather(ctx, parts), np.zeros(0))
             without = residual(nominal, ctx, less, int(a), data.held, data) * sigma
-            drop = 1.0 - rms[1] ** 2 / max(float(np.mean(without**2)), 1e-30)
-            reported = parameters(ctx, f, term)
-            entry = {"id": term.name, "at": place.name, "parameters": reported}
-            out.effects.append({**entry, "error_drop": number(drop), "rivals": []})
-            values = {k: _value(v) for k, v in term.effect.report(ctx, place, theta).items()}
-            out.table.append(
-                {
-                    "id": term.name,
-                    "form": term.id,
-                    "at": place.name,
-                    "kind": "actuator",
-                    "parameters": values,
-                }
-            )
-            from mpge_jax.diagnosis.words import clause, quantity
-
-            shown = {k: quantity(v) for k, v in reported.items()}
-            out.sentences.append(
-                f"Between command and measured force, {clause(term.effect.sentence(place, shown))}."
-            )
+            out.drops[term] = 1.0 - rms[1] ** 2 / max(float(np.mean(without**2)), 1e-30)
     return out
-
-
-def _value(value: Any) -> Any:
-    value = np.asarray(value, dtype=float)
-    return float(value) if value.ndim == 0 else value.tolist()
 
 
 def by_command(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> tuple[Prepared, Fitted]:

@@ -44,13 +44,14 @@ class Floor:
         loss, error: mean of the windows' losses and its standard error. losses: [W] those losses.
         ratio: root-mean-square error relative to `verdict.noise_floor`, which takes start state and measurements for
             independent (they are not: the state was smoothed from the same measurements) and knows nothing of noise
-            in measured forces.
+            in measured forces. each: [W, nv] losses of every degree of freedom by itself.
     """
 
     loss: float = 1.0
     error: float = 0.05
     ratio: float = 1.0
     losses: Array = field(default_factory=lambda: np.zeros(0))
+    each: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def exceeded(self, losses: Array) -> bool:
         """Whether windows with these losses [W] show more than that: by their mean, or, where they scatter widely, by
@@ -68,6 +69,27 @@ class Floor:
         """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave."""
         usual = float(self.losses.max(initial=0.0))
         return bool((losses > max(FAR, 2.0 * usual)).sum() >= SEVERAL)
+
+    def beyond(self, left: Left) -> bool:
+        """Whether more is left than that, in all or at one degree of freedom by itself: where another one scatters
+        widely though nothing is missing there, what all show together says little."""
+        if self.exceeded(left.losses[left.typical]) or self.far(left.losses):
+            return True
+        if not self.each.size:
+            return False
+        errors = self.each.std(0) / np.sqrt(len(self.each))
+        alone = [Floor(x.mean(), e, 1.0, x) for x, e in zip(self.each.T, errors, strict=True)]
+        return any(f.exceeded(x[left.typical]) or f.far(x) for f, x in zip(alone, left.each.T, strict=True))
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a hypothesis leaves: losses of all windows [W], of every degree of freedom by itself [W, nv], and which
+    windows were drawn at random [W] (the others were chosen because the nominal model misses most there)."""
+
+    losses: Array
+    each: Array
+    typical: Array
 
 
 def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int = 16) -> Floor:
@@ -111,14 +133,15 @@ def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int
         sim, f.hypothesis, f.theta, cuts, noise, numerics(sim, f.hypothesis, f.theta, cuts), temper=False
     )
     residual = sim.residuals([Run(f.hypothesis, f.theta)], cuts)[0]
-    loss = robust_loss(white.excess(white(residual[None]))[0])
+    flat = white(residual)
+    loss, each = robust_loss(white.excess(flat)), robust_loss(white.by_dof(flat, sim.model.nv))
     expected = noise_floor(sim, f, cuts, column_scale(noise, sim.model))
     positions = np.clip(residual[..., : sim.model.nv], -1e3, 1e3)
     seen = np.isfinite(positions).any((1, 2))
     got = np.nanmean(positions[seen] ** 2, axis=(1, 2))
     ratio = float(np.sqrt(np.median(got / np.maximum(expected[seen], 1e-300)))) if seen.any() else 1.0
     ratio = ratio if shaken.any() else min(ratio, 1.0)
-    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio, loss)
+    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio, loss, each)
 
 
 def force_noise(prepared: Prepared) -> Array:

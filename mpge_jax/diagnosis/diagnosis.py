@@ -14,13 +14,14 @@ import numpy as np
 
 from mpge_jax.diagnosis import resume
 from mpge_jax.diagnosis.actuator_side import ActuatorSide, by_command, diagnose_actuators
+from mpge_jax.diagnosis.arrivals import arrivals, with_arrivals
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.decide import decide
 from mpge_jax.diagnosis.drives import is_servo
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.fitted import Fitted
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.judge import (
     FitReport,
@@ -176,7 +177,9 @@ def diagnose(
 
 
 def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path | None) -> Diagnosis:
-    p, actuators = _by_measured_forces(p, plain)
+    at_rows, actuators = _by_measured_forces(p, plain)
+    late = [] if actuators is None else actuators.late(plain)
+    p = with_arrivals(at_rows, arrivals(at_rows, NOTHING, late))
     s = build_search(p, say, p.config.decide_s)
     _check_windows(p, s)
     if progress is not None:
@@ -189,6 +192,8 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     say("judging what is left")
     f, shown, held, ratio = found.fit, (p, found.fit), found.held, found.noise.ratio
     corrected = bool(f.hypothesis.terms)
+    if late:
+        actuators = actuators.arrived(arrivals(at_rows, f, late))
     if actuators is not None and actuators.fits:
         if not corrected:
             shown = by_command(p, plain, actuators)

@@ -97,9 +97,10 @@ def remainder(s: Search, f: Fitted, noise: Floor) -> Remainder | None:
     """What `f` leaves on the search's windows if that is more than the noise would."""
     whites = s.whiten(f, temper=False)
     scored = s.score([f], whites)[0]
-    losses = s.typical_losses(scored)
-    s.log.append(f"left: loss {losses.mean():.3f}, floor {noise.loss:.3f} +- {noise.error:.3f}")
-    return Remainder(scored, whites) if noise.exceeded(losses) or noise.far(scored.losses) else None
+    left = s.left(f, whites)
+    typical = left.losses[left.typical].mean()
+    s.log.append(f"left: loss {typical:.3f}, floor {noise.loss:.3f} +- {noise.error:.3f}")
+    return Remainder(scored, whites) if noise.beyond(left) else None
 
 
 def what_is_left(

@@ -53,7 +53,7 @@ def proposals(p: Problem, ctx: Context) -> list[Array]:
         size = np.einsum("pwm,pwm,p->w", p.jacobian, p.jacobian, prior_widths(p.params) ** 2, optimize=True)
         if (size > 0).any():
             cap = np.quantile(size[size > 0], STEEP, method="lower")
-            out.append(_step(p, weight * np.minimum(1.0, cap / np.maximum(size, 1e-300)), p.damping))
+            out.append(_step(p, weight * cap / np.maximum(size, max(cap, 1e-300)), p.damping))
     return [theta for theta in out if np.isfinite(theta).all()]
 
 

@@ -22,6 +22,9 @@ ELSEWHERE = 3.0
 """By how much clearer missing force (`excess_by_dof`) must be at a floating base than at any joint for its body to be
 the place."""
 
+ALIKE = 0.3
+"""Share of what force at the likeliest joint alone explains, by which that at another must explain less not to be named
+beside it."""
 ALONG, DIFFERENT = 0.5, 25.0
 """Share of the missing force's chi^2 that may be left, and of what any other actuator or joint would leave, where one
 actuator's force is to explain it; and by how much chi^2 it must be better than they."""
@@ -46,11 +49,30 @@ def _drive(p: Prepared, s: Search, best: Scored, white: Whitener) -> tuple[int, 
         data.qpos[:] = w.q0[k]
         mujoco.mj_fwdPosition(m, data)
         along[k] = np.concatenate([moments(m, data), np.eye(m.nv)])
-    explained, whole = explained_along(s.sim, best.fit, w, white, along)
+    explained, whole = (x.sum(0) for x in explained_along(s.sim, best.fit, w, white, along))
     first = max(several, key=lambda a: explained[a])
     left, other = whole - explained[first], whole - np.delete(explained, first).max()
     sure = left < ALONG * whole and left + DIFFERENT < ALONG * other
     return (first, along[:, first]) if sure else None
+
+
+def _likeliest(s: Search, best: Scored, whites: tuple[Whitener, Whitener], dofs: list[int]) -> list[int]:
+    """The degree of freedom at which missing force alone explains most, and another one that does so nearly as well.
+
+    Force that is allowed everywhere at once (`excess_by_dof`) finds some at every joint where windows last longer than
+    the force does, or contacts scatter them.
+    """
+    lefts, wholes = [], []
+    for w, white in zip((s.train, s.held), whites, strict=True):
+        every = np.broadcast_to(np.eye(s.sim.model.nv)[dofs], (w.count, len(dofs), s.sim.model.nv))
+        alone, whole = explained_along(s.sim, best.fit, w, white, every)
+        lefts.append(np.maximum(whole[:, None] - alone, 0.0))
+        wholes.append(whole)
+    # few windows may be beyond all measure
+    left, whole = (np.log1p(np.concatenate(x)).mean(0) for x in (lefts, wholes))
+    first, *others = np.argsort(left, kind="stable")[:2]
+    near = [d for d in others if left[d] - left[first] < ALIKE * (whole - left[first])]
+    return [dofs[d] for d in (first, *near)]
 
 
 def _when(force: Array, clues: dict[str, Array], directions: tuple[str, str]) -> str:
@@ -80,8 +102,8 @@ def describe(
     total = ratio + excess_by_dof(s.sim, best.fit, s.held, whites[1])[0]
     dofs = active_dofs(p.model) or list(range(p.model.nv))
     base = [d for d in range(p.model.nv) if d not in dofs]
-    order = sorted(dofs, key=lambda d: -total[d])
-    at = [p.names.joint_of_dof(p.model, d) for d in order if total[d] > 0.5 * total[order[0]]][:2]
+    order = _likeliest(s, best, whites, dofs)
+    at = [p.names.joint_of_dof(p.model, d) for d in order]
     if base and total[base].max() > ELSEWHERE * total[order[0]]:
         order = [base[int(np.argmax(total[base]))]]
         at = [p.names.bodies[int(p.model.dof_bodyid[order[0]])]]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2, norm
 
-from mpge_jax.diagnosis.calibrate import Floor
+from mpge_jax.diagnosis.calibrate import Floor, Left
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.evidence import EVIDENCE, SEVERAL, deviations, stand_out, strong
 from mpge_jax.diagnosis.fit import evaluate, fit
@@ -170,12 +170,18 @@ class Search:
         """Whether `base`, which has effects, leaves no more than it would if it were true."""
         if self.floor is None or not base.hypothesis.terms:
             return False
-        losses = self.typical_losses(self.score([base], self.whiten(base, temper=False))[0])
-        return not self.floor(base).exceeded(losses)
+        return not self.floor(base).beyond(self.left(base, self.whiten(base, temper=False)))
 
-    def typical_losses(self, scored: Scored) -> Array:
-        """Losses of the windows that were drawn at random."""
-        return np.concatenate([scored.train[: self.typical], scored.held])
+    def left(self, f: Fitted, whites: tuple[Whitener, Whitener]) -> Left:
+        """What `f` leaves on training and held-out windows."""
+        losses, each = [], []
+        for w, white in zip((self.train, self.held), whites, strict=True):
+            flat = white(self.sim.residuals([Run(f.hypothesis, f.theta)], w))[0]
+            losses.append(robust_loss(white.excess(flat)))
+            each.append(robust_loss(white.by_dof(flat, self.sim.model.nv)))
+        typical = np.ones(self.train.count + self.held.count, bool)
+        typical[self.typical : self.train.count] = self.typical is None
+        return Left(np.concatenate(losses), np.concatenate(each), typical)
 
     def freed(self, base: Fitted, fits: list[Fitted], white: Whitener) -> Fitted:
         """`base`, or a better fit of its own terms to which a further term led out of a local minimum."""

@@ -76,18 +76,19 @@ def excess_by_dof(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> tup
 
 def explained_along(
     sim: Simulator, f: Fitted, w: Windows, white: Whitener, directions: Array
-) -> tuple[Array, float]:
-    """chi^2 that missing force along each direction explains [k], and that missing force of any direction does.
+) -> tuple[Array, Array]:
+    """chi^2 of every window that missing force along each direction alone explains [W, k], and that missing force of
+    any direction does [W].
 
     Args:
         directions: [W, k, nv] generalised forces; their length does not matter.
     """
     gram, push = _normal_equations(sim, f, w, white)
-    whole = np.einsum("wi,wij,wj->", push, np.linalg.pinv(gram, rcond=1e-10, hermitian=True), push)
+    whole = np.einsum("wi,wij,wj->w", push, np.linalg.pinv(gram, rcond=1e-10, hermitian=True), push)
     unit = directions / _pushes(sim)
     along = np.einsum("wki,wi->wk", unit, push) ** 2
     cost = np.einsum("wki,wij,wkj->wk", unit, gram, unit)
-    return (along / np.maximum(cost, 1e-300)).sum(0), float(whole)
+    return along / np.maximum(cost, 1e-300), whole
 
 
 def _pushes(sim: Simulator) -> Array:

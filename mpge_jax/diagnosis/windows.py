@@ -74,7 +74,11 @@ class Windows:
         """The same windows with servos' forces `factor` times as old; None where none has an age."""
         if not any(s.age.any() for s in self.sources):
             return None
-        w = replace(self, sources=tuple(s.older(factor) for s in self.sources))
+        return self.driven_by(tuple(s.older(factor) for s in self.sources))
+
+    def driven_by(self, sources: tuple[Source, ...]) -> Windows:
+        """The same windows of the same recordings with other commands."""
+        w = replace(self, sources=sources)
         return replace(w, command=w._commands(self.dt * np.arange(-self.history, self.steps + 1)))
 
     def before(self, qadr: int, dof: int) -> tuple[Array, Array, Array]:

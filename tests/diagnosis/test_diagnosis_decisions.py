@@ -13,7 +13,7 @@ from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis import select as selection
 from mpge_jax.diagnosis.actuator_side import diagnose_actuators
 from mpge_jax.diagnosis.build_search import build_search
-from mpge_jax.diagnosis.calibrate import Floor, floor
+from mpge_jax.diagnosis.calibrate import Floor, Left, floor
 from mpge_jax.diagnosis.coarse import is_coarse
 from mpge_jax.diagnosis.effects.base import Param, Place
 from mpge_jax.diagnosis.evidence import deviations, rare, stand_out, strong
@@ -122,6 +122,22 @@ def test_what_scatters_widely_exceeds_the_floor_by_ranks():
     assert not Floor(0.9, 0.01, 1.0, np.array([1.0, 8.0])).far(np.append(rest, [6.0, 7.0, 15.0]))
     # a single window of sixty is none of them
     assert not floor_of.exceeded(np.append(expected[:1].repeat(60) + 0.1, 40.0))
+
+
+def test_what_one_joint_leaves_does_not_drown_in_what_another_scatters():
+    rng = np.random.default_rng(0)
+    wild = rng.uniform(1.0, 9.0, (60, 1))
+    calm = 0.9 + 0.05 * rng.standard_normal((60, 1))
+    losses, typical = 0.5 * (wild + calm)[:, 0], np.ones(60, bool)
+    floor_of = Floor(losses.mean(), 0.3, 1.0, losses[:32], np.hstack([wild, calm])[:32])
+    assert not floor_of.beyond(Left(losses, np.hstack([wild, calm]), typical))
+    # the second joint leaves twice as much as noise would, or much in a few windows
+    assert floor_of.beyond(Left(losses, np.hstack([wild, 2 * calm]), typical))
+    few = calm.copy()
+    few[-3:] = 6.0
+    assert floor_of.beyond(Left(losses, np.hstack([wild, few]), np.arange(60) < 50))
+    few[-1:] = 1.0
+    assert not floor_of.beyond(Left(losses, np.hstack([wild, few]), typical))
 
 
 @pytest.fixture(scope="module")

@@ -43,15 +43,12 @@ def test_table_says_which_effects_of_a_drive_the_corrected_model_holds():
     gain, gap = Term("actuator_gain", motor), Term("actuator_deadzone", motor)
     h = Hypothesis.of(gain, gap)
     f = Fitted(h, h.gather(ctx, {gain: np.array([0.7]), gap: np.array([0.1])}), np.zeros(2))
-    rows = [
-        {"id": t.id, "form": t.id, "at": "motor", "kind": "actuator", "parameters": {}} for t in (gain, gap)
-    ]
     d = SimpleNamespace(
         prepared=SimpleNamespace(spec=spec),
         fit=NOTHING,
         ctx=ctx,
         terms=(),
-        actuators=ActuatorSide(ctx, [f], table=rows),
+        actuators=ActuatorSide(ctx, [f]),
     )
     table = effects_table(d)
     assert table["model"] == "nominal.xml"

@@ -1,0 +1,78 @@
+"""Delays shorter than a row: forces measured at the rows do not tell them, the motion does."""
+
+import mujoco
+import numpy as np
+import pytest
+from machines import PENDULUM, excitation
+
+from mpge_jax.diagnosis import Config, Recording, diagnose
+from mpge_jax.diagnosis.activations import settling
+from mpge_jax.diagnosis.arrivals import arriving, whole_rows
+from mpge_jax.diagnosis.source import Source
+from mpge_jax.diagnosis.states import States
+
+PERIOD, STEP = 0.01, 0.0005
+# in coarser steps a machine answers half a step earlier
+FINE = PENDULUM.replace('timestep="0.002"', f'timestep="{STEP}"')
+
+
+def _recordings(delay: float, friction: float = 0.0) -> list[Recording]:
+    """A motor that obeys late, with its force at every row."""
+    rng, out, late = np.random.default_rng(0), [], round(delay / STEP)
+    model = mujoco.MjModel.from_xml_string(FINE)
+    model.dof_frictionloss[:] = friction
+    per = round(PERIOD / STEP)
+    for k in range(4):
+        data, rows, sent = mujoco.MjData(model), [], []
+        for i in range(300):
+            u = excitation(k % 2 * 2, i * PERIOD, np.array([k]), np.array([0.8]))
+            sent += [u] * per
+            for j in range(per):
+                data.ctrl[:] = sent[max(i * per + j - late, 0)]
+                if j == 0:
+                    mujoco.mj_forward(model, data)
+                    rows.append((i * PERIOD, data.qpos.copy(), u, data.actuator_force.copy()))
+                mujoco.mj_step(model, data)
+        time, q, u, force = (np.array(x) for x in zip(*rows, strict=True))
+        out.append(Recording(f"run_{k}", time, q + 1e-4 * rng.standard_normal(q.shape), None, u, force))
+    return out
+
+
+@pytest.mark.parametrize("delay", [0.0035, 0.017])
+def test_the_motion_tells_where_between_rows_a_delay_lies(delay):
+    found = diagnose(mujoco.MjSpec.from_string(FINE), _recordings(delay), Config(jobs=1))
+    assert found.verdict == "effects" and not found.terms
+    (entry,) = found.to_json()["effects"]
+    assert (entry["id"], entry["at"]) == ("actuator_delay", "motor")
+    value = entry["parameters"]["delay"]
+    assert value["value"] == pytest.approx(delay, abs=0.0005)
+    assert value["low"] <= delay <= value["high"]
+    # less than the row that the forces leave open
+    assert value["high"] - value["low"] < 0.6 * PERIOD
+
+
+def test_friction_that_the_model_lacks_too_does_not_shift_the_delay():
+    found = diagnose(mujoco.MjSpec.from_string(FINE), _recordings(0.0125, friction=0.1), Config(jobs=1))
+    entries = {e["id"]: e["parameters"] for e in found.to_json()["effects"]}
+    assert set(entries) == {"coulomb_friction", "actuator_delay"}
+    assert entries["actuator_delay"]["delay"]["value"] == pytest.approx(0.0125, abs=0.0005)
+    assert entries["coulomb_friction"]["torque"]["value"] == pytest.approx(0.1, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("fitted", "rows"), [(0.005, 0), (0.01, 0), (0.0, 0), (0.0151, 1), (0.02, 1), (0.0251, 2)]
+)
+def test_rows_that_surely_pass(fitted, rows):
+    # fits of forces at rows lie between the half-way point and the end of the row, or at its end exactly
+    assert whole_rows(fitted, PERIOD) == rows
+
+
+def test_a_force_begins_so_long_after_the_row_before():
+    time, force = 0.1 * np.arange(4), np.array([[1.0], [3.0], [2.0], [2.0]])
+    states = States(np.zeros((4, 1)), np.zeros((4, 1)), np.zeros((4, 1)), np.zeros((4, 1, 2, 2)))
+    source = Source.build(Recording("r", time, np.zeros((4, 1)), None, force, force), states, force)
+    # of 1 until 0.03, which no window sees, then 3 until 0.13, then 2
+    late = arriving(source, {0: 0.03})
+    np.testing.assert_allclose(late.mean_command(time)[1:, 0], [0.3 * 3 + 0.7 * 2, 2.0], atol=1e-12)
+    assert settling(late, mujoco.MjModel.from_xml_string(PENDULUM)) == pytest.approx(0.03)
+    np.testing.assert_allclose(arriving(source, {0: 0.1}).mean_command(time)[1:, 0], [3.0, 2.0])
