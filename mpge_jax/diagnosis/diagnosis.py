@@ -192,7 +192,7 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     say("judging what is left")
     f, shown, held, ratio = found.fit, (p, found.fit), found.held, found.noise.ratio
     corrected = bool(f.hypothesis.terms)
-    if late:
+    if actuators is not None and late:
         actuators = actuators.arrived(arrivals(at_rows, f, late))
     if actuators is not None and actuators.fits:
         if not corrected:
