@@ -30,10 +30,9 @@ def time_constants(model: mujoco.MjModel) -> Array:
 def settling(source: Source, model: mujoco.MjModel) -> float:
     """Seconds at the start of a recording in which the actuators' filters and delays still hold what was commanded
     before."""
-    if source.activation is not None:
-        return 0.0
-    late = 0.0 if source.late is None else float(np.max(source.late, initial=0.0))
-    longest = late + 5.0 * float(time_constants(model).max(initial=0.0))
+    longest = 0.0 if source.late is None else float(np.max(source.late, initial=0.0))
+    if source.activation is None:
+        longest += 5.0 * float(time_constants(model).max(initial=0.0))
     return min(longest, UNSETTLED * source.recording.duration)
 
 

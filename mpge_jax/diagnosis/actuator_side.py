@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.arrivals import Arrival, whole_rows
+from mpge_jax.diagnosis.arrivals import Arrival, row_of
 from mpge_jax.diagnosis.between_rows import Law, nominal
 from mpge_jax.diagnosis.drive_fit import Data, Log, between, log_of, residual, search_law
 from mpge_jax.diagnosis.drive_left import unexplained_drive
@@ -94,15 +94,16 @@ class ActuatorSide:
                 out.append(f"Between command and measured force, {says}.")
         return out
 
-    def late(self, plain: mujoco.MjModel) -> list[int]:
-        """Actuators whose force was found to come late, and is held between rows all the same."""
-        return [
-            f.hypothesis.terms[0].place.index
-            for f in self.fits
-            if (names := {t.name for t in f.hypothesis.terms}) & {DELAY}
-            and not names & MOVING
-            and not is_servo(plain, f.hypothesis.terms[0].place.index)
-        ]
+    def late(self, plain: mujoco.MjModel) -> dict[int, tuple[float, float]]:
+        """Actuators whose force was found to come late and is held between rows all the same, each with the delays
+        that its forces allow."""
+        out = {}
+        for f in self.fits:
+            a, parts = f.hypothesis.terms[0].place.index, f.hypothesis.split(self.ctx, f.theta)
+            delay = next((theta[0] for t, theta in parts.items() if t.name == DELAY), None)
+            if delay is not None and not is_servo(plain, a) and not any(t.name in MOVING for t in parts):
+                out[a] = row_of(float(delay), self.ctx.period)
+        return out
 
     def arrived(self, when: dict[int, Arrival]) -> ActuatorSide:
         """The same with delays as the motion tells them, within the rows that the forces told."""
@@ -111,13 +112,12 @@ class ActuatorSide:
             a = f.hypothesis.terms[0].place.index
             delay = next((t for t in f.hypothesis.terms if t.name == DELAY), None)
             if delay is not None and a in when:
-                params = f.hypothesis.params(self.ctx)
                 i = f.hypothesis.slices(self.ctx)[f.hypothesis.terms.index(delay)].start
                 theta, cov = f.theta.copy(), f.cov.copy()
-                theta[i] = whole_rows(theta[i], self.ctx.period) * self.ctx.period + when[a].after
+                theta[i] = when[a].delay
                 cov[i], cov[:, i] = 0.0, 0.0
-                exact = timing_error(params, theta, float(self.ctx.model.opt.timestep))[i]
-                cov[i, i] = when[a].deviation ** 2 + exact**2
+                # in steps of another length a machine answers up to half of one earlier or later
+                cov[i, i] = when[a].deviation ** 2 + float(self.ctx.model.opt.timestep) ** 2 / 12
                 f = replace(f, theta=theta, cov=cov)
             fits.append(f)
         return replace(self, fits=fits)

@@ -6,41 +6,51 @@ instants at which it may do so fit the rows alike. Which one it is moves the mac
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.prepare import Prepared
+from mpge_jax.diagnosis.proposals import Problem
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.whiten import whitener
 
 Array = np.ndarray
-WINDOWS = 60
+WINDOWS, FEWEST = 60, 4
+HALFWAY = 0.25
+"""Delays fitted to forces at rows lie between the half-way point and the end of a row, as all those fit alike: by this
+share of a row before the former they still belong to that row."""
+
+MOVED = 2.0
+"""Deviations by which a delay differs from another one."""
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """Seconds after a row at which the force of the next one begins, 0 to the time between rows, and its deviation."""
+    """Delay (s) of a drive and its standard deviation."""
 
-    after: float
+    delay: float
     deviation: float
 
 
-def whole_rows(delay: float, period: float) -> int:
-    """Rows that surely pass between a command and its force, from a delay fitted to forces at rows: half-way between
-    rows or later, as all delays there fit alike."""
-    return max(int(np.ceil(delay / period - 0.25)) - 1, 0)
+def row_of(delay: float, period: float) -> tuple[float, float]:
+    """The delays (s) between which one that was fitted to forces at rows may lie."""
+    rows = max(int(np.ceil(delay / period - HALFWAY)) - 1, 0)
+    return rows * period, (rows + 1) * period
 
 
-def arriving(source: Source, when: dict[int, float]) -> Source:
-    """The same where the held force of each row begins so many seconds after the row before (actuator -> s)."""
-    command = source.command.copy()
+def arriving(source: Source, delays: dict[int, float]) -> Source:
+    """The same where commands reach their drives so late (actuator -> s): the force that each of them makes is the one
+    measured at the first row after its arrival."""
+    command, t = source.command.copy(), source.recording.time
     late = np.zeros(command.shape[1]) if source.late is None else np.array(source.late, dtype=float)
-    for a, seconds in when.items():
-        command[:-1, a], late[a] = source.command[1:, a], seconds
+    for a, delay in delays.items():
+        # what arrives with a row is in its force already
+        first = np.searchsorted(t, t + delay - 1e-9)
+        command[:, a], late[a] = source.command[np.minimum(first, t.size - 1), a], delay
     return Source.build(
         source.recording, source.states, command, source.smooth, source.age, source.activation, late, source.bend
     )  # fmt: skip
@@ -48,42 +58,61 @@ def arriving(source: Source, when: dict[int, float]) -> Source:
 
 def with_arrivals(p: Prepared, when: dict[int, Arrival]) -> Prepared:
     """The same machine with forces that begin between rows."""
-    after = {a: x.after for a, x in when.items()}
-    train, held = (tuple(arriving(s, after) for s in group) for group in (p.train_sources, p.held_sources))
+    delays = {a: x.delay for a, x in when.items()}
+    train, held = (tuple(arriving(s, delays) for s in group) for group in (p.train_sources, p.held_sources))
     return replace(p, train_sources=train, held_sources=held)
 
 
-def arrivals(p: Prepared, f: Fitted, drives: Iterable[int]) -> dict[int, Arrival]:
-    """The arrival at each of these drives (of `p`, whose forces begin at their rows) that fits the motion best.
+def moved(old: dict[int, Arrival], new: dict[int, Arrival]) -> bool:
+    """Whether a delay is another one than was taken for it."""
+    return any(abs(new[a].delay - old[a].delay) > MOVED * new[a].deviation for a in old)
 
-    The motion of a window is linear in it, so it is a weighted least-squares problem in whitened residuals; windows
-    that other missing physics disturbs count little.
+
+def arrivals(p: Prepared, f: Fitted, rows: dict[int, tuple[float, float]]) -> dict[int, Arrival]:
+    """The delay of each drive, within its `row_of`, that fits the motion best under `f`.
+
+    Args:
+        p: the machine with forces that begin at the rows.
+
+    The motion of a window is linear in delays of less than a row, so this is a bounded least-squares problem in
+    whitened residuals, the parameters of `f` beside it. Where the motion does not tell, any instant of the row is as
+    likely.
     """
-    drives, h = list(drives), p.ctx.period
-    if not drives:
+    if not rows:
         return {}
+    low, high = np.array(list(rows.values())).T
+    middle, prior = 0.5 * (low + high), 12.0 / (high - low) ** 2
     w = p.windows(False, p.config.decide_s, WINDOWS, seed=11)
-    run = [Run(f.hypothesis, f.theta)]
+    if w.count < FEWEST:
+        return {a: Arrival(x, s) for a, x, s in zip(rows, middle, prior**-0.5, strict=True)}
     white = whitener(p.sim, f.hypothesis, f.theta, w, p.noise)
-    late = white(p.sim.residuals(run, w))[0]
+
+    def left_at(delays: Array, thetas: list[Array]) -> Array:
+        at = dict(zip(rows, delays, strict=True))
+        runs = [Run(f.hypothesis, theta) for theta in thetas]
+        return white(p.sim.residuals(runs, w.driven_by(tuple(arriving(s, at) for s in w.sources))))
+
+    # what was fitted to other delays may move with them
+    steps = np.diag(Problem(f, f.hypothesis.params(p.ctx)).steps()) if f.theta.size else np.zeros((0, 0))
+    late, *moved = left_at(high, [f.theta, *(f.theta + steps)])
     columns = []
-    for a in drives:
-        sources = tuple(arriving(s, {a: 0.0}) for s in w.sources)
-        early = white(p.sim.residuals(run, w.driven_by(sources)))[0]
-        columns.append((late - early) / h)
-    slopes = np.stack(columns, -1)
-    seconds = np.full(len(drives), 0.5 * h)
+    for k in range(len(rows)):
+        # just after a row, not with it
+        early = np.where(np.arange(len(rows)) == k, low + 1e-6 * (high - low), high)
+        columns.append((late - left_at(early, [f.theta])[0]) / (high[k] - low[k]))
+    columns += [(x - late) / h for x, h in zip(moved, np.diag(steps), strict=True)]
+    slopes, free = np.stack(columns, -1), np.full(f.theta.size, np.inf)
+    least, most = (np.append(x - middle, y) for x, y in ((low, -free), (high, free)))
+    ridge = np.append(prior, 1e-6 / np.diag(steps) ** 2)
+    start = late + slopes[..., : len(rows)] @ (middle - high)
+    change = np.zeros(ridge.size)
     for _ in range(5):
-        left = late + slopes @ (seconds - h)
-        weight = 1.0 / (1.0 + white.excess(left) / 5.0)
-        gram = np.einsum("w,wmi,wmj->ij", weight, slopes, slopes)
-        bread = np.linalg.pinv(gram, hermitian=True)
-        best = h - bread @ np.einsum("w,wmi,wm->i", weight, slopes, late)
-        seconds = np.clip(best, 0.0, h)
-    scores = weight[:, None] * np.einsum("wmi,wm->wi", slopes, late + slopes @ (seconds - h))
-    variance = np.diag(bread @ (scores.T @ scores) @ bread)
-    # a motion that does not tell leaves any instant of the row
-    anywhere = h**2 / 12
-    seconds = (anywhere * seconds + variance * 0.5 * h) / (anywhere + variance)
-    deviations = np.sqrt(variance * anywhere / (anywhere + variance))
-    return {a: Arrival(float(x), float(s)) for a, x, s in zip(drives, seconds, deviations, strict=True)}
+        weight = 1.0 / (1.0 + white.excess(start + slopes @ change) / 5.0)
+        gram = np.einsum("w,wmi,wmj->ij", weight, slopes, slopes) + np.diag(ridge)
+        root = np.linalg.cholesky(gram)
+        push = -np.einsum("w,wmi,wm->i", weight, slopes, start)
+        change = lsq_linear(root.T, np.linalg.solve(root, push), bounds=(least, most)).x
+    scores = weight[:, None] * np.einsum("wmi,wm->wi", slopes, start + slopes @ change)
+    bread = np.linalg.inv(gram)
+    cov = bread @ (scores.T @ scores + np.diag(ridge)) @ bread
+    return {a: Arrival(float(middle[k] + change[k]), float(np.sqrt(cov[k, k]))) for k, a in enumerate(rows)}

@@ -34,6 +34,8 @@ FAR = 5.0
 """Loss of a window that no noise explains, whatever the others show."""
 DOUBT = 3.0
 """Standard errors by which it must exceed the floor."""
+FEWEST = 8
+"""Windows that a floor takes to tell degrees of freedom apart."""
 
 
 @dataclass(frozen=True)
@@ -53,33 +55,39 @@ class Floor:
     losses: Array = field(default_factory=lambda: np.zeros(0))
     each: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
-    def exceeded(self, losses: Array) -> bool:
-        """Whether windows with these losses [W] show more than that: by their mean, or, where they scatter widely, by
-        their ranks and by several windows that each show more."""
+    def exceeded(self, losses: Array, doubt: float = DOUBT) -> bool:
+        """Whether windows with these losses [W] show more than that, by so many standard errors: by their mean, or,
+        where they scatter widely, by their ranks and by several windows that each show more."""
         least = max(self.loss, 1.0)
         excess = float(losses.mean()) - least
         error = float(losses.std() / np.sqrt(max(losses.size, 1)))
-        beyond = excess > DOUBT * np.hypot(error, self.error)
+        beyond = excess > doubt * np.hypot(error, self.error)
         several = (losses > least + EXCESS).sum() > max(SEVERAL, SHARE * losses.size)
         if not beyond and several and self.losses.size:
-            beyond = mannwhitneyu(losses, self.losses, alternative="greater").pvalue < norm.sf(DOUBT)
+            beyond = mannwhitneyu(losses, self.losses, alternative="greater").pvalue < norm.sf(doubt)
         return bool(excess > EXCESS and beyond)
 
-    def far(self, losses: Array) -> bool:
+    def far(self, losses: Array, several: int = SEVERAL) -> bool:
         """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave."""
         usual = float(self.losses.max(initial=0.0))
-        return bool((losses > max(FAR, 2.0 * usual)).sum() >= SEVERAL)
+        return bool((losses > max(FAR, 2.0 * usual)).sum() >= several)
 
     def beyond(self, left: Left) -> bool:
         """Whether more is left than that, in all or at one degree of freedom by itself: where another one scatters
         widely though nothing is missing there, what all show together says little."""
         if self.exceeded(left.losses[left.typical]) or self.far(left.losses):
             return True
-        if not self.each.size:
+        count, nv = self.each.shape
+        if count < FEWEST:
             return False
-        errors = self.each.std(0) / np.sqrt(len(self.each))
+        # one of many that are asked
+        doubt = float(norm.isf(norm.sf(DOUBT) / nv))
+        errors = self.each.std(0, ddof=1) / np.sqrt(count)
         alone = [Floor(x.mean(), e, 1.0, x) for x, e in zip(self.each.T, errors, strict=True)]
-        return any(f.exceeded(x[left.typical]) or f.far(x) for f, x in zip(alone, left.each.T, strict=True))
+        return any(
+            f.exceeded(x[left.typical], doubt) or f.far(x, 2 * SEVERAL)
+            for f, x in zip(alone, left.each.T, strict=True)
+        )
 
 
 @dataclass(frozen=True)
@@ -157,13 +165,17 @@ def force_noise(prepared: Prepared) -> Array:
         forces = [s.recording.known("force")[:, a] for s in prepared.train_sources]
         levels = [column_noise(times, forces)[0]]
         if has_plain_law(plain, a) and all(s.recording.ctrl is not None for s in prepared.train_sources):
-            expected = [
-                plain_force(plain, a, s.recording.known("ctrl"), s.states) for s in prepared.train_sources
-            ]
+            expected = [plain_force(plain, a, _arrived(s, a), s.states) for s in prepared.train_sources]
             levels.append(column_noise(times, [f - e for f, e in zip(forces, expected, strict=True)])[0])
         finite = [x for x in levels if np.isfinite(x)]
         out[a] = min(finite, default=0.0)
     return out
+
+
+def _arrived(s: Source, a: int) -> Array:
+    """Commands [T, nu] that have reached actuator `a` at the rows of a recording."""
+    t, late = s.recording.time, 0.0 if s.late is None else float(s.late[a])
+    return s.recording.known("ctrl")[np.maximum(np.searchsorted(t, t - late + 1e-9, side="right") - 1, 0)]
 
 
 def _again(r: Recording, states: States, act: Array, original: Source, row: int) -> Source:
@@ -174,8 +186,8 @@ def _again(r: Recording, states: States, act: Array, original: Source, row: int)
     moves = original.smooth.any(0)
     held = original.command[rows] - original.smooth[rows]
     return Source.build(
-        r, states, command, np.where(moves, command - held, 0.0), original.age, act,
-        bend=original.bend[rows.start : rows.stop - 1],
+        r, states, command, np.where(moves, command - held, 0.0), original.age, act, original.late,
+        original.bend[rows.start : rows.stop - 1],
     )  # fmt: skip
 
 
@@ -204,7 +216,9 @@ def _simulated(
         source = w.sources[w.source[k]]
         ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
         # where forces change between rows, they are as at the row, and not on average until the next
-        ctrl = np.where(source.smooth.any(0), source.command[rows[k] : rows[k] + n], ctrl)
+        # and those that come late change where they arrive
+        whole = source.smooth.any(0) | (0.0 if source.late is None else source.late).astype(bool)
+        ctrl = np.where(whole, source.command[rows[k] : rows[k] + n], ctrl)
         if shaken.any():
             # the machine felt the force, the recording holds it with noise
             ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape)

@@ -14,7 +14,7 @@ import numpy as np
 
 from mpge_jax.diagnosis import resume
 from mpge_jax.diagnosis.actuator_side import ActuatorSide, by_command, diagnose_actuators
-from mpge_jax.diagnosis.arrivals import arrivals, with_arrivals
+from mpge_jax.diagnosis.arrivals import arrivals, moved, with_arrivals
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.decide import decide
@@ -178,8 +178,9 @@ def diagnose(
 
 def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path | None) -> Diagnosis:
     at_rows, actuators = _by_measured_forces(p, plain)
-    late = [] if actuators is None else actuators.late(plain)
-    p = with_arrivals(at_rows, arrivals(at_rows, NOTHING, late))
+    late = {} if actuators is None else actuators.late(plain)
+    when = arrivals(at_rows, NOTHING, late)
+    p = with_arrivals(at_rows, when)
     s = build_search(p, say, p.config.decide_s)
     _check_windows(p, s)
     if progress is not None:
@@ -189,11 +190,19 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
         f"{recordings} recordings, {len(s.terms)} effects at their places, {s.train.count} + {s.held.count} windows"
     )
     found = decide(p, s, say)
+    known = arrivals(at_rows, found.fit, late)
+    if found.fit.hypothesis.terms and moved(when, known):
+        # what was missing seemed to be a matter of delays
+        p, log = with_arrivals(at_rows, known), s.log
+        s = build_search(p, say, p.config.decide_s)
+        s.log, s.resume = log, found.fit
+        found = decide(p, s, say)
+        known = arrivals(at_rows, found.fit, late)
     say("judging what is left")
     f, shown, held, ratio = found.fit, (p, found.fit), found.held, found.noise.ratio
     corrected = bool(f.hypothesis.terms)
     if actuators is not None and late:
-        actuators = actuators.arrived(arrivals(at_rows, f, late))
+        actuators = actuators.arrived(known)
     if actuators is not None and actuators.fits:
         if not corrected:
             shown = by_command(p, plain, actuators)

@@ -104,7 +104,7 @@ def describe(
     base = [d for d in range(p.model.nv) if d not in dofs]
     order = _likeliest(s, best, whites, dofs)
     at = [p.names.joint_of_dof(p.model, d) for d in order]
-    if base and total[base].max() > ELSEWHERE * total[order[0]]:
+    if base and total[base].max() > ELSEWHERE * total[dofs].max():
         order = [base[int(np.argmax(total[base]))]]
         at = [p.names.bodies[int(p.model.dof_bodyid[order[0]])]]
     w, worst = s.train, order[0]

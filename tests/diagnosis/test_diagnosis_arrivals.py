@@ -7,7 +7,11 @@ from machines import PENDULUM, excitation
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis.activations import settling
-from mpge_jax.diagnosis.arrivals import arriving, whole_rows
+from mpge_jax.diagnosis.arrivals import arrivals, arriving, row_of
+from mpge_jax.diagnosis.fitted import NOTHING
+from mpge_jax.diagnosis.model import compile_variable, names_of
+from mpge_jax.diagnosis.prepare import prepare
+from mpge_jax.diagnosis.recording import rows_of, validate
 from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States
 
@@ -64,15 +68,55 @@ def test_friction_that_the_model_lacks_too_does_not_shift_the_delay():
 )
 def test_rows_that_surely_pass(fitted, rows):
     # fits of forces at rows lie between the half-way point and the end of the row, or at its end exactly
-    assert whole_rows(fitted, PERIOD) == rows
+    assert row_of(fitted, PERIOD) == pytest.approx((rows * PERIOD, (rows + 1) * PERIOD))
 
 
-def test_a_force_begins_so_long_after_the_row_before():
-    time, force = 0.1 * np.arange(4), np.array([[1.0], [3.0], [2.0], [2.0]])
-    states = States(np.zeros((4, 1)), np.zeros((4, 1)), np.zeros((4, 1)), np.zeros((4, 1, 2, 2)))
-    source = Source.build(Recording("r", time, np.zeros((4, 1)), None, force, force), states, force)
-    # of 1 until 0.03, which no window sees, then 3 until 0.13, then 2
-    late = arriving(source, {0: 0.03})
-    np.testing.assert_allclose(late.mean_command(time)[1:, 0], [0.3 * 3 + 0.7 * 2, 2.0], atol=1e-12)
-    assert settling(late, mujoco.MjModel.from_xml_string(PENDULUM)) == pytest.approx(0.03)
-    np.testing.assert_allclose(arriving(source, {0: 0.1}).mean_command(time)[1:, 0], [3.0, 2.0])
+def _source(time: np.ndarray, force: np.ndarray) -> Source:
+    n = time.size
+    states = States(np.zeros((n, 1)), np.zeros((n, 1)), np.zeros((n, 1)), np.zeros((n, 1, 2, 2)))
+    column = force[:, None]
+    return Source.build(Recording("r", time, np.zeros((n, 1)), None, column, column), states, column)
+
+
+def test_a_force_begins_when_its_command_arrives():
+    time = 0.1 * np.arange(5)
+    source = _source(time, np.array([1.0, 1.0, 3.0, 2.0, 2.0]))
+    # the command of 0 makes the force of 0.2: it begins at 0.13, the next one at 0.23
+    late = arriving(source, {0: 0.13})
+    np.testing.assert_allclose(late.mean_command(time)[2:, 0], [0.3 * 3 + 0.7 * 2, 2.0], atol=1e-12)
+    assert settling(late, mujoco.MjModel.from_xml_string(PENDULUM)) == pytest.approx(
+        0.08
+    )  # a fifth of the log
+    # one of whole rows is in the forces as it is
+    np.testing.assert_allclose(arriving(source, {0: 0.2}).mean_command(time)[2:, 0], [3.0, 2.0])
+
+
+def test_a_force_begins_when_its_command_arrives_by_a_jittered_clock_too():
+    time = np.array([0.0, 0.12, 0.19, 0.31, 0.4])
+    # sent at 0, 0.12, 0.19: they arrive at 0.1, 0.22, 0.29
+    source = _source(time, np.array([0.0, 1.0, 1.0, 3.0, 4.0]))
+    edges = np.array([0.1, 0.22, 0.29, 0.35])
+    np.testing.assert_allclose(
+        arriving(source, {0: 0.1}).mean_command(edges)[:, 0], [1.0, 3.0, 3.0], atol=1e-12
+    )
+
+
+def test_motors_that_the_motion_cannot_tell_apart_share_their_delay():
+    """Two motors on one joint with equal forces: the sum of their delays is known, their difference is not."""
+    twins = FINE.replace("</actuator>", '<motor name="second" joint="hinge" ctrlrange="-2 2"/></actuator>')
+    recordings = []
+    for r in _recordings(0.0125):
+        both = (np.repeat(0.5 * x, 2, 1) for x in (r.ctrl, r.force))
+        recordings.append(Recording(r.name, r.time, r.qpos, None, *both))
+    spec = mujoco.MjSpec.from_string(twins)
+    plain = compile_variable(spec)
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    row = (0.01, 0.02)
+    found = arrivals(p, NOTHING, {0: row, 1: row})
+    assert [x.delay for x in found.values()] == pytest.approx([0.0125, 0.0125], abs=0.0005)
+    assert all(0.0015 < x.deviation < 0.003 for x in found.values())
+    # too few windows to tell
+    short = [rows_of(r, slice(0, 60), r.name) for r in recordings[:2]]
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in short], Config(jobs=1, decide_s=0.5))
+    (told,) = arrivals(p, NOTHING, {0: row}).values()
+    assert (told.delay, told.deviation) == pytest.approx((0.015, 0.01 / np.sqrt(12)))
