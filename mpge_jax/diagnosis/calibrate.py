@@ -217,7 +217,8 @@ def _simulated(
         ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
         # where forces change between rows, they are as at the row, and not on average until the next
         # and those that come late change where they arrive
-        whole = source.smooth.any(0) | (0.0 if source.late is None else source.late).astype(bool)
+        whole = source.smooth.any(0)
+        whole = whole if source.late is None else whole | (source.late > 0)
         ctrl = np.where(whole, source.command[rows[k] : rows[k] + n], ctrl)
         if shaken.any():
             # the machine felt the force, the recording holds it with noise

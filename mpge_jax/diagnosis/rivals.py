@@ -11,8 +11,10 @@ from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import is_joint_transmission
 from mpge_jax.diagnosis.rigid import same_body
 from mpge_jax.diagnosis.scored import TIE, Rival, Scored, hopeful, misses
-from mpge_jax.diagnosis.select import KEEP_OF_MANY, SIGNIFICANT, Search
+from mpge_jax.diagnosis.screen import at_torque
+from mpge_jax.diagnosis.select import KEEP_OF_MANY, SETTLED, SIGNIFICANT, Search
 from mpge_jax.diagnosis.whiten import Whitener
+from mpge_jax.diagnosis.windows import Windows
 
 SPECIAL_CASES = {
     "coulomb_friction": (
@@ -32,6 +34,9 @@ SPECIAL_CASES = {
     ),
 }
 """Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
+PLAIN = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
+RICHER = 2
+"""Elaborate laws in place of one plain one that are fitted to all windows."""
 
 
 def find_rivals(
@@ -72,13 +77,56 @@ def find_rivals(
             nearest = {f.hypothesis for f in near}
             far = [f for f in fits if f.hypothesis not in nearest]
             fits = [*fit(s.sim, near, s.train, whites[0], iterations=1 if many else 3), *far]
+        if term.id in PLAIN and (best.losses.mean() > SETTLED or best.factor > 1.0):
+            fits += _richer(s, best, whites[0], sample, term)
         rivals = []
         for r in s.score(fits, whites):
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
             if other is not None:
                 rivals.append(_compare(s, best, term, r, other))
-        out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
+        out[term] = _one_each(_seen_from_itself(s, best, term, sorted(rivals, key=lambda r: r.margin)))
     return out
+
+
+def _seen_from_itself(s: Search, best: Scored, term: Term, rivals: list[Rival]) -> list[Rival]:
+    """The same, with the leading rival, if it is not clearly better, compared under its own whitening: around a
+    hypothesis that misses what it explains, sigma is enlarged, and starts take up the rest."""
+    lead = next(
+        (r for r in rivals if r.margin < -TIE and s.named(r.fit, best.fit.hypothesis.without(term))), None
+    )
+    if lead is None or lead.better:
+        return rivals
+    whites = s.whiten(lead.fit)
+    old, new = fit(s.sim, [best.fit, lead.fit], s.train, whites[0], iterations=3)
+    if new.loss > old.loss:
+        return rivals
+    scored = s.score([old, new], whites)
+    again = _compare(s, scored[0], term, scored[1], lead.term)
+    return [again if r is lead else r for r in rivals] if again.better else rivals
+
+
+def _richer(
+    s: Search, best: Scored, white: Whitener, sample: tuple[Windows, Whitener], term: Term
+) -> list[Fitted]:
+    """The elaborate laws of friction that contain a plain one, fitted from where the latter stands: beside other
+    effects, and through contacts, generic starts do not lead there."""
+    ctx, without = s.sim.ctx, best.fit.hypothesis.without(term)
+    parts = best.fit.hypothesis.split(ctx, best.fit.theta)
+    torque = float(parts[term][0]) if term.id == "coulomb_friction" else 0.0
+    starts = []
+    for form in (Term(i, term.place) for i in SPECIAL_CASES[term.id]):
+        if form not in s.terms or not compatible(without, form):
+            continue
+        h = without.with_term(form)
+        for start in at_torque(form.effect.starts(ctx, form.place), form, ctx, torque):
+            theta = h.gather(ctx, {**parts, form: start})
+            starts.append(Fitted(h, theta, theta))
+    best_of: dict[Hypothesis, Fitted] = {}
+    for f in fit(s.sim, starts, *sample, iterations=4):
+        if f.hypothesis not in best_of or f.loss < best_of[f.hypothesis].loss:
+            best_of[f.hypothesis] = f
+    promising = sorted(best_of.values(), key=lambda f: f.loss)[:RICHER]
+    return fit(s.sim, promising, s.train, white, iterations=4)
 
 
 def _same(a: Term, b: Term) -> bool:

@@ -6,14 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mpge_jax.diagnosis.evidence import rare, standard_error
+from mpge_jax.diagnosis.effects.base import Place
+from mpge_jax.diagnosis.evidence import deviations, rare, standard_error
 from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.screen import ELABORATE
 
 Array = np.ndarray
 FEW = 3
-"""Candidates that are fitted further however far they lag behind the best."""
+"""Families of candidates that are fitted further however far they lag behind the best."""
+CLEAR = 3.0
+"""Deviations, by ranks, from which on a difference is clear though few windows blur its mean."""
 TIE = 0.03
 """Differences of relative loss below this are ties, whatever their standard error."""
 
@@ -57,12 +60,25 @@ class Rival:
     better: bool = False
 
 
+def family(term: Term) -> tuple[str, Place]:
+    """What acts in much the same way: friction of any law at one place, else one effect at one place."""
+    return ("friction" if "friction" in term.id or "damping" in term.id else term.name, term.place)
+
+
 def hopeful(fits: list[Fitted], before: float) -> list[Fitted]:
-    """Fits that take away at least half as much of the loss `before` them as the best does, and the best few; best
-    first."""
+    """Fits that take away at least half as much of the loss `before` them as the best does, the best few families, and
+    the plain forms of elaborate frictions among them; best first."""
     ranked = sorted(fits, key=lambda f: f.loss)
     limit = 0.5 * (before + ranked[0].loss) if ranked else before
-    return [f for i, f in enumerate(ranked) if i < FEW or f.loss < limit]
+    kept: list[Fitted] = []
+    families: set[frozenset[tuple[str, Place]]] = set()
+    for f in ranked:
+        kind = frozenset(map(family, f.hypothesis.terms))
+        if f.loss < limit or (kind not in families and len(families) < FEW):
+            kept.append(f)
+            families.add(kind)
+    rest = [f for f in ranked if all(f is not k for k in kept)]
+    return sorted(with_simpler([*kept, *rest], len(kept)), key=lambda f: f.loss)
 
 
 def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
@@ -80,10 +96,11 @@ def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
 
 
 def clearly_worse(a: Scored, best: Scored) -> bool:
-    """Whether `a` loses to the best by more than two standard errors (paired by window) and more than a tie, or misses
-    what acts rarely."""
+    """Whether `a` loses to the best by more than a tie, and that by two standard errors (paired by window) or clearly
+    by ranks, or misses what acts rarely."""
     d = a.losses - best.losses
-    return bool(d.mean() > max(2.0 * standard_error(d), TIE)) or misses(a, best)
+    sure = d.mean() > 2.0 * standard_error(d) or deviations(d) > CLEAR
+    return bool(d.mean() > TIE and sure) or misses(a, best)
 
 
 def misses(a: Scored, best: Scored) -> bool:

@@ -154,7 +154,7 @@ def _starting_points(
     problems: list[tuple[Term, Problem]] = []
     for term in terms:
         hypothesis = base.hypothesis.with_term(term)
-        for start in _at_torque(term.effect.starts(ctx, term.place), term, ctx, dry.get(term.place, 0.0)):
+        for start in at_torque(term.effect.starts(ctx, term.place), term, ctx, dry.get(term.place, 0.0)):
             theta = hypothesis.gather(ctx, {**parts, term: start})
             problems.append((term, Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
     _simulate([p for _, p in problems], near, white)
@@ -176,7 +176,7 @@ def _starting_points(
     return problems
 
 
-def _at_torque(starts: Array, term: Term, ctx: Context, dry: float) -> Array:
+def at_torque(starts: Array, term: Term, ctx: Context, dry: float) -> Array:
     """Starts [k, p] of a friction law with its torques as large as plain dry friction, of which it is a variant."""
     torque = np.array([p.unit in ("N m", "N") for p in term.params(ctx)])
     if dry <= 0.0 or not torque.any():

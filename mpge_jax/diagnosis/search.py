@@ -6,11 +6,12 @@ import time
 
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.dense import AFTER, drives_lack, everywhere
+from mpge_jax.diagnosis.evidence import deviations
 from mpge_jax.diagnosis.fit import fit
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis
-from mpge_jax.diagnosis.scored import Scored, with_simpler
-from mpge_jax.diagnosis.select import Search
+from mpge_jax.diagnosis.scored import Scored, family, with_simpler
+from mpge_jax.diagnosis.select import SIGNIFICANT, Search
 
 FAR = 2.5
 """Loss above which the second effect is looked for beside several first ones."""
@@ -45,6 +46,11 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         if not s.accept(chosen, base):
             # where windows scatter widely, the simplest of those that tie may be one that explains nothing
             chosen = next((r for r in ranked if s.named(r.fit, current.hypothesis)), chosen)
+            if not s.accept(chosen, base) and (pair := _only_together(s, chosen, base)) is not None:
+                chosen, last = pair
+                s.keep(chosen.fit)
+                current = chosen.fit
+                continue
             if not s.accept(chosen, base):
                 last = last or ranked
                 wider = _wider(s, current)
@@ -65,6 +71,24 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
             current = everywhere(s, current)
         s.keep(current)
     return current, last or first_round
+
+
+def _only_together(s: Search, chosen: Scored, base: Scored) -> tuple[Scored, list[Scored]] | None:
+    """A second effect beside a first one that by itself helps most windows, though not beyond doubt those that it was
+    not fitted to, as what is still missing dominates them: the two against nothing, with the pairs that were tried."""
+    gain = base.losses - chosen.losses
+    if base.fit.hypothesis.terms or not s.named(chosen.fit) or deviations(gain) < SIGNIFICANT:
+        return None
+    s.say(f"looking for effect 2 beside {chosen.fit.hypothesis}")
+    ranked, _ = s.compete(chosen.fit, s.terms)
+    if not ranked:
+        return None
+    pair = s.choose(ranked, chosen.fit.hypothesis)
+    now, nothing = s.score([pair.fit, NOTHING], s.whiten(pair.fit))
+    s.log.append(
+        f"together: nothing {nothing.losses.mean():.3f}; {pair.fit.hypothesis} {now.losses.mean():.3f}"
+    )
+    return (now, ranked) if s.accept(now, nothing) else None
 
 
 def _wider(s: Search, current: Fitted) -> Fitted:
@@ -88,16 +112,13 @@ def _time_left(began: float, rounds: int) -> str:
 def _beam(ranked: list[Scored], chosen: Scored, width: int = 3) -> list[Scored]:
     """The chosen fit and the best ones of another kind or at another place."""
 
-    def kind(s: Scored) -> tuple[str, object]:
-        term = s.fit.hypothesis.terms[-1]
-        return ("friction" if "friction" in term.id or "damping" in term.id else term.name, term.place)
-
-    out, kinds = [chosen], {kind(chosen)}
+    out, kinds = [chosen], {family(chosen.fit.hypothesis.terms[-1])}
     for r in ranked:
+        kind = family(r.fit.hypothesis.terms[-1])
         # a first effect that explains next to nothing is no start for a pair
-        if kind(r) not in kinds and len(out) < width and r.losses.mean() < 3.0 * chosen.losses.mean():
+        if kind not in kinds and len(out) < width and r.losses.mean() < 3.0 * chosen.losses.mean():
             out.append(r)
-            kinds.add(kind(r))
+            kinds.add(kind)
     return out
 
 

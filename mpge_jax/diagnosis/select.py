@@ -79,10 +79,11 @@ class Search:
     floor: Callable[[Fitted], Floor] | None = None
 
     def whiten(self, around: Fitted, temper: bool = True) -> tuple[Whitener, Whitener]:
-        """Whiteners of training and held-out windows around a fit."""
-        return self.whiten_one(around, self.train, temper), self.whiten_one(around, self.held, temper)
+        """Whiteners of training and held-out windows around a fit, in the same units."""
+        train = self.whiten_one(around, self.train, temper)
+        return train, self.whiten_one(around, self.held, train.factor)
 
-    def whiten_one(self, around: Fitted, w: Windows, temper: bool = True) -> Whitener:
+    def whiten_one(self, around: Fitted, w: Windows, temper: bool | float = True) -> Whitener:
         nuisance = numerics(self.sim, around.hypothesis, around.theta, w)
         return whitener(self.sim, around.hypothesis, around.theta, w, self.noise, nuisance, temper)
 
@@ -137,7 +138,7 @@ class Search:
             fits.sort(key=lambda f: f.loss)
         if not fits:
             return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
-        whites = white, self.whiten_one(fits[0], self.held)
+        whites = white, self.whiten_one(fits[0], self.held, white.factor)
         scored = self.score([*fits, self.freed(base, fits, white)], whites)
         ranked = sorted(scored[:-1], key=lambda s: s.losses.mean())
         return ranked, scored[-1]

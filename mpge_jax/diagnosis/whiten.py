@@ -113,13 +113,12 @@ def whitener(
     w: Windows,
     noise: Noise,
     nuisance: dict[str, Array] | None = None,
-    temper: bool = True,
+    temper: bool | float = True,
 ) -> Whitener:
     """Whitener of windows `w` around a hypothesis.
 
     Args:
-        nuisance: `numerics`. temper: enlarge sigma to the
-            hypothesis's own misfit.
+        nuisance: `numerics`. temper: enlarge sigma to the hypothesis's own misfit, or by a known factor.
     """
     scale, inexact = column_scale(noise, sim.model), False
     if nuisance:
@@ -156,8 +155,9 @@ def whitener(
         expected = np.maximum(expected, 0.05)
         return Whitener(scale * factor, basis, shrink, flat_seen, count, expected, factor, inexact)
 
-    white, factor = build(1.0), 1.0
-    for _ in range(4 if temper else 0):
+    factor = 1.0 if isinstance(temper, bool) else temper
+    white = build(factor)
+    for _ in range(4 if temper is True else 0):
         median = float(np.median(white.excess(white(base[None])))) if w.count else 1.0
         # well below one, the noise was overestimated (fast motion logged at a low rate looks like noise)
         if 0.5 <= median <= 1.2 or factor < 1e-3 or (inexact and median < 0.5):

@@ -152,7 +152,9 @@ class JointFlexibility(Drive):
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         k, d = self.params(ctx, place)
-        return np.array([[10 * k.scale * f, d.scale * f**0.5] for f in (0.04, 0.12, 0.4, 1.2, 5.0)])
+        return np.array(
+            [[10 * k.scale * f, d.scale * f**0.5] for f in (0.04, 0.12, 0.4, 1.2, 5.0, 25.0, 125.0)]
+        )
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return []

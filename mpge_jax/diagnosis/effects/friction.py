@@ -135,7 +135,7 @@ class StribeckFriction(_Dry):
         return (
             _torque(ctx, place, "coulomb"),
             _torque(ctx, place, "rise"),
-            Param("velocity", unit, 0.005 * v, 3 * v, 0.1 * v, prior=0.15 * v),
+            Param("velocity", unit, 0.005 * v, 3 * v, 0.1 * v),
         )
 
     def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
