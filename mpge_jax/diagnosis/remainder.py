@@ -62,15 +62,16 @@ def _likeliest(s: Search, best: Scored, whites: tuple[Whitener, Whitener], dofs:
     Force that is allowed everywhere at once (`excess_by_dof`) finds some at every joint where windows last longer than
     the force does, or contacts scatter them.
     """
-    lefts, wholes = [], []
+    explained, lefts, wholes = [], [], []
     for w, white in zip((s.train, s.held), whites, strict=True):
         every = np.broadcast_to(np.eye(s.sim.model.nv)[dofs], (w.count, len(dofs), s.sim.model.nv))
         alone, whole = explained_along(s.sim, best.fit, w, white, every)
+        explained.append(alone)
         lefts.append(np.maximum(whole[:, None] - alone, 0.0))
         wholes.append(whole)
     # few windows may be beyond all measure
-    left, whole = (np.log1p(np.concatenate(x)).mean(0) for x in (lefts, wholes))
-    first, *others = np.argsort(left, kind="stable")[:2]
+    most, left, whole = (np.log1p(np.concatenate(x)).mean(0) for x in (explained, lefts, wholes))
+    first, *others = np.argsort(-most, kind="stable")[:2]
     near = [d for d in others if left[d] - left[first] < ALIKE * (whole - left[first])]
     return [dofs[d] for d in (first, *near)]
 

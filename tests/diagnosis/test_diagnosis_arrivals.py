@@ -7,7 +7,8 @@ from machines import PENDULUM, excitation
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis.activations import settling
-from mpge_jax.diagnosis.arrivals import arrivals, arriving, row_of
+from mpge_jax.diagnosis.arrivals import Arrival, arrivals, arriving, row_of, with_arrivals
+from mpge_jax.diagnosis.calibrate import floor, force_noise
 from mpge_jax.diagnosis.fitted import NOTHING
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
@@ -99,6 +100,17 @@ def test_a_force_begins_when_its_command_arrives_by_a_jittered_clock_too():
     np.testing.assert_allclose(
         arriving(source, {0: 0.1}).mean_command(edges)[:, 0], [1.0, 3.0, 3.0], atol=1e-12
     )
+
+
+def test_the_floor_knows_that_a_late_force_changes_between_rows():
+    spec = mujoco.MjSpec.from_string(FINE)
+    plain = compile_variable(spec)
+    recordings = [validate(r, plain, names_of(plain)) for r in _recordings(0.0055)]
+    at_rows = prepare(spec, recordings, Config(jobs=1))
+    p = with_arrivals(at_rows, {0: Arrival(0.0055, 1e-4)})
+    assert force_noise(p)[0] < 1e-3
+    # what is simulated with that delay and read without it leaves several times the noise
+    assert floor(p, NOTHING).loss < 1.3
 
 
 def test_motors_that_the_motion_cannot_tell_apart_share_their_delay():

@@ -27,7 +27,7 @@ from mpge_jax.diagnosis.prepare import prepare, with_drives
 from mpge_jax.diagnosis.proposals import Problem, beyond
 from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
-from mpge_jax.diagnosis.scored import Scored, clearly_worse
+from mpge_jax.diagnosis.scored import Scored, clearly_worse, hopeful
 from mpge_jax.diagnosis.screen import ELABORATE, screen
 from mpge_jax.diagnosis.search import search
 from mpge_jax.diagnosis.simulate import Near, Run
@@ -138,6 +138,40 @@ def test_what_one_joint_leaves_does_not_drown_in_what_another_scatters():
     assert floor_of.beyond(Left(losses, np.hstack([wild, few]), np.arange(60) < 50))
     few[-1:] = 1.0
     assert not floor_of.beyond(Left(losses, np.hstack([wild, few]), typical))
+
+
+def _guess(loss: float, *terms: Term) -> Fitted:
+    return Fitted(Hypothesis.of(*terms), np.zeros(0), np.zeros(0), loss)
+
+
+def test_laws_of_friction_at_one_joint_do_not_crowd_out_what_else_is_hopeful():
+    load = Term("load_dependent_friction", HINGE)
+    fits = [
+        _guess(x, t) for x, t in ((1.0, STRIBECK), (1.1, load), (2.9, COULOMB), (2.8, GAIN), (2.95, ARMATURE))
+    ]
+    delay, tilt = Term("actuator_delay", MOTOR), Term("gravity_tilt", Place("world", "world", 0))
+    fits += [_guess(2.96, delay), _guess(2.97, tilt)]
+    # half of what the best takes away, three families, and the plain law of an elaborate one
+    kept = [f.hypothesis.terms[0] for f in hopeful(fits, before=3.0)]
+    assert kept == [STRIBECK, load, GAIN, COULOMB, ARMATURE]
+    assert hopeful([], before=3.0) == []
+
+
+def test_a_few_wild_windows_do_not_make_a_clear_winner_a_tie():
+    good = np.full(60, 1.0)
+    worse = good + np.linspace(0.05, 0.4, 60)
+    worse[:3] -= (0.0, 4.0, 4.0)
+    a, best = (Scored(NOTHING, x[:40], x[40:], 0, 0) for x in (worse, good))
+    mean = (worse - good).mean()
+    assert 0.03 < mean < 2.0 * (worse - good).std() / np.sqrt(60)
+    assert clearly_worse(a, best) and not clearly_worse(best, best)
+
+
+def test_training_and_held_out_windows_are_tempered_alike():
+    s, _ = search_of(PENDULUM, record(PENDULUM, 0.8, lambda m: m.dof_frictionloss.__setitem__(0, 0.1)))
+    train, held = s.whiten(NOTHING)
+    assert train.factor > 1.5 and held.factor == train.factor
+    assert all(white.factor == 1.0 for white in s.whiten(NOTHING, temper=False))
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from machines import ARM, record
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
 
@@ -34,6 +35,27 @@ def _flights(rotor: int) -> list[Recording]:
         q[:, :3] += 1e-5 * rng.standard_normal((len(q), 3))
         out.append(Recording(f"flight_{k}", time, q, None, u))
     return out
+
+
+@pytest.mark.parametrize(
+    ("joint", "width", "at"),
+    [
+        ("shoulder", 0.3, ["shoulder"]),
+        ("elbow", 0.08, ["elbow"]),
+        # it lasts a fraction of a window: a constant force at the other joint does nearly as well
+        ("shoulder", 0.08, ["shoulder", "elbow"]),
+    ],
+)
+def test_a_rough_spot_is_placed_where_force_at_one_joint_alone_explains_most(joint, width, at):
+
+    def spot(m: mujoco.MjModel, d: mujoco.MjData) -> None:
+        dof = m.joint(joint).dofadr[0]
+        d.qfrc_applied[dof] = -np.tanh(20.0 * d.qvel[dof]) * np.exp(-(((d.qpos[dof] - 0.1) / width) ** 2))
+
+    recordings = record(ARM, [4.0, 0.8], force=spot, count=4, seconds=4.0)
+    found = diagnose(mujoco.MjSpec.from_string(ARM), recordings, Config(effects=("gravity_tilt",), jobs=1))
+    assert found.verdict == "unexplained" and found.unexplained is not None
+    assert found.unexplained["at"] == at
 
 
 @pytest.mark.parametrize("rotor", [0, 2])
