@@ -23,7 +23,6 @@ WINDOWS, FEWEST = 60, 4
 HALFWAY = 0.25
 """Delays fitted to forces at rows lie between the half-way point and the end of a row, as all those fit alike: by this
 share of a row before the former they still belong to that row."""
-
 MOVED = 2.0
 """Deviations by which a delay differs from another one."""
 
@@ -94,13 +93,13 @@ def arrivals(p: Prepared, f: Fitted, rows: dict[int, tuple[float, float]]) -> di
 
     # what was fitted to other delays may move with them
     steps = np.diag(Problem(f, f.hypothesis.params(p.ctx)).steps()) if f.theta.size else np.zeros((0, 0))
-    late, *moved = left_at(high, [f.theta, *(f.theta + steps)])
+    late, *further = left_at(high, [f.theta, *(f.theta + steps)])
     columns = []
     for k in range(len(rows)):
         # just after a row, not with it
         early = np.where(np.arange(len(rows)) == k, low + 1e-6 * (high - low), high)
         columns.append((late - left_at(early, [f.theta])[0]) / (high[k] - low[k]))
-    columns += [(x - late) / h for x, h in zip(moved, np.diag(steps), strict=True)]
+    columns += [(x - late) / h for x, h in zip(further, np.diag(steps), strict=True)]
     slopes, free = np.stack(columns, -1), np.full(f.theta.size, np.inf)
     least, most = (np.append(x - middle, y) for x, y in ((low, -free), (high, free)))
     ridge = np.append(prior, 1e-6 / np.diag(steps) ** 2)

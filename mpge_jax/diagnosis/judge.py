@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.calibrate import Floor
+from mpge_jax.diagnosis.calibrate import Floor, Left
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.remainder import describe
-from mpge_jax.diagnosis.scored import Scored
 from mpge_jax.diagnosis.select import Search
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.verdict import LEFT, Errors, active_dofs, errors, excess_by_dof, noise_floor
@@ -86,21 +85,21 @@ class Remainder:
     """What a fit leaves that is more than noise.
 
     Attributes:
-        scored: the fit with its losses on the search's windows. whites: of training and held-out windows.
+        fit: what leaves it. left: its losses on the search's windows. whites: of training and held-out windows.
     """
 
-    scored: Scored
+    fit: Fitted
+    left: Left
     whites: tuple[Whitener, Whitener]
 
 
 def remainder(s: Search, f: Fitted, noise: Floor) -> Remainder | None:
     """What `f` leaves on the search's windows if that is more than the noise would."""
     whites = s.whiten(f, temper=False)
-    scored = s.score([f], whites)[0]
     left = s.left(f, whites)
     typical = left.losses[left.typical].mean()
     s.log.append(f"left: loss {typical:.3f}, floor {noise.loss:.3f} +- {noise.error:.3f}")
-    return Remainder(scored, whites) if noise.beyond(left) else None
+    return Remainder(f, left, whites) if noise.beyond(left) else None
 
 
 def what_is_left(
@@ -123,7 +122,7 @@ def what_is_left(
             "integrator differ in detail); it does not change what is named."
         )
         return None
-    return describe(p, s, left.scored, left.whites, beyond**2)
+    return describe(p, s, left, beyond**2)
 
 
 def together(entries: list[dict[str, Any] | None]) -> dict[str, Any] | None:

@@ -12,8 +12,9 @@ from mpge_jax.diagnosis.parameters import number
 from mpge_jax.diagnosis.verdict import active_dofs, excess_by_dof, explained_along
 
 if TYPE_CHECKING:
+    from mpge_jax.diagnosis.fitted import Fitted
+    from mpge_jax.diagnosis.judge import Remainder
     from mpge_jax.diagnosis.prepare import Prepared
-    from mpge_jax.diagnosis.scored import Scored
     from mpge_jax.diagnosis.select import Search
     from mpge_jax.diagnosis.whiten import Whitener
 
@@ -37,7 +38,7 @@ def _rank_correlation(a: Array, b: Array) -> float:
     return float(np.corrcoef(ra, rb)[0, 1])
 
 
-def _drive(p: Prepared, s: Search, best: Scored, white: Whitener) -> tuple[int, Array] | None:
+def _drive(p: Prepared, s: Search, f: Fitted, white: Whitener) -> tuple[int, Array] | None:
     """The actuator, of those that drive no single joint (rotors) and whose force nobody measured, along which most of
     the missing force lies, and its moments [W, nv]."""
     m, w = p.model, s.train
@@ -49,14 +50,14 @@ def _drive(p: Prepared, s: Search, best: Scored, white: Whitener) -> tuple[int, 
         data.qpos[:] = w.q0[k]
         mujoco.mj_fwdPosition(m, data)
         along[k] = np.concatenate([moments(m, data), np.eye(m.nv)])
-    explained, whole = (x.sum(0) for x in explained_along(s.sim, best.fit, w, white, along))
+    explained, whole = (x.sum(0) for x in explained_along(s.sim, f, w, white, along))
     first = max(several, key=lambda a: explained[a])
     left, other = whole - explained[first], whole - np.delete(explained, first).max()
     sure = left < ALONG * whole and left + DIFFERENT < ALONG * other
     return (first, along[:, first]) if sure else None
 
 
-def _likeliest(s: Search, best: Scored, whites: tuple[Whitener, Whitener], dofs: list[int]) -> list[int]:
+def _likeliest(s: Search, f: Fitted, whites: tuple[Whitener, Whitener], dofs: list[int]) -> list[int]:
     """The degree of freedom at which missing force alone explains most, and another one that does so nearly as well.
 
     Force that is allowed everywhere at once (`excess_by_dof`) finds some at every joint where windows last longer than
@@ -65,7 +66,7 @@ def _likeliest(s: Search, best: Scored, whites: tuple[Whitener, Whitener], dofs:
     explained, lefts, wholes = [], [], []
     for w, white in zip((s.train, s.held), whites, strict=True):
         every = np.broadcast_to(np.eye(s.sim.model.nv)[dofs], (w.count, len(dofs), s.sim.model.nv))
-        alone, whole = explained_along(s.sim, best.fit, w, white, every)
+        alone, whole = explained_along(s.sim, f, w, white, every)
         explained.append(alone)
         lefts.append(np.maximum(whole[:, None] - alone, 0.0))
         wholes.append(whole)
@@ -91,19 +92,18 @@ def _when(force: Array, clues: dict[str, Array], directions: tuple[str, str]) ->
     return when + (f"; it always {directions[0 if sign > 0 else 1]}" if abs(sign) > 0.8 else "")
 
 
-def describe(
-    p: Prepared, s: Search, best: Scored, whites: tuple[Whitener, Whitener], share: float
-) -> dict[str, Any]:
+def describe(p: Prepared, s: Search, left: Remainder, share: float) -> dict[str, Any]:
     """The `unexplained` entry of a diagnosis.
 
     Args:
-        whites: whiteners of training and held-out windows. share: share of the held-out squared error that remains.
+        share: share of the held-out squared error that remains.
     """
-    ratio, force = excess_by_dof(s.sim, best.fit, s.train, whites[0])
-    total = ratio + excess_by_dof(s.sim, best.fit, s.held, whites[1])[0]
+    f, whites = left.fit, left.whites
+    ratio, force = excess_by_dof(s.sim, f, s.train, whites[0])
+    total = ratio + excess_by_dof(s.sim, f, s.held, whites[1])[0]
     dofs = active_dofs(p.model) or list(range(p.model.nv))
     base = [d for d in range(p.model.nv) if d not in dofs]
-    order = _likeliest(s, best, whites, dofs)
+    order = _likeliest(s, f, whites, dofs)
     at = [p.names.joint_of_dof(p.model, d) for d in order]
     if base and total[base].max() > ELSEWHERE * total[dofs].max():
         order = [base[int(np.argmax(total[base]))]]
@@ -119,7 +119,7 @@ def describe(
     clues = {"speed of the joint": np.abs(w.v0[:, worst]), "time since the start": w.start, **sizes}
     if is_scalar(p.model, joint):
         clues["angle of the joint"] = w.q0[:, int(p.model.jnt_qposadr[joint])]
-    drive = _drive(p, s, best, whites[0])
+    drive = _drive(p, s, f, whites[0])
     if drive is not None:
         actuator, moment = drive
         at = [p.names.actuators[actuator]]
@@ -129,7 +129,7 @@ def describe(
         clues = {"time since the start": w.start, **sizes}
         directions = ("adds to its force", "takes from its force")
     when = _when(missing, clues, directions)
-    top = np.argsort(-best.train)[: min(8, w.count)]
+    top = np.argsort(-left.left.losses[: w.count])[: min(8, w.count)]
     length = w.times.max(1)
     intervals = []
     for k in sorted(top, key=lambda k: (w.source[k], w.start[k])):
