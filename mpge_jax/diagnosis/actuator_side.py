@@ -42,6 +42,7 @@ class ActuatorSide:
         fits: one per actuator that lacks something. drops: by how much each effect lowers the held-out squared error
         of the force. errors: actuator -> held-out rms force error (before, after). excess: actuator -> squared error
         as given over that of the noise. left: entries of what no law explains.
+        grid: step (s) in which commands were followed.
     """
 
     ctx: Context
@@ -50,6 +51,7 @@ class ActuatorSide:
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
     excess: dict[str, float] = field(default_factory=dict)
     left: list[dict[str, Any]] = field(default_factory=list)
+    grid: float = 0.0
 
     @property
     def effects(self) -> list[dict[str, Any]]:
@@ -165,10 +167,10 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         ]
     )
     ctx = replace(p.ctx, model=nominal, drive=np.maximum(np.nan_to_num(drive), 1e-6))
-    out = ActuatorSide(ctx=ctx)
     steps = np.concatenate([np.diff(s.recording.time) for s in together])
     jittered = float(np.quantile(np.abs(steps - ctx.period), 0.9)) > 0.01 * ctx.period
     dt = (0.25 if jittered else 0.5) * ctx.period
+    out = ActuatorSide(ctx, grid=dt)
     for a in np.flatnonzero(p.measured):
         place = Place("actuator", p.names.actuators[a], int(a))
         if not has_plain_law(nominal, int(a)):

@@ -161,7 +161,8 @@ def force_noise(prepared: Prepared) -> Array:
     out = np.zeros(prepared.measured.size)
     plain = compile_variable(prepared.spec)
     times = [s.recording.time for s in prepared.train_sources]
-    for a in map(int, np.flatnonzero(prepared.measured)):
+    noisy = prepared.measured if prepared.known is None else prepared.measured & ~prepared.known
+    for a in map(int, np.flatnonzero(noisy)):
         forces = [s.recording.known("force")[:, a] for s in prepared.train_sources]
         levels = [column_noise(times, forces)[0]]
         if has_plain_law(plain, a) and all(s.recording.ctrl is not None for s in prepared.train_sources):

@@ -18,6 +18,7 @@ from mpge_jax.diagnosis.arrivals import arrivals, moved, with_arrivals
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.decide import decide
+from mpge_jax.diagnosis.drive_noise import freed
 from mpge_jax.diagnosis.drives import is_servo
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
 from mpge_jax.diagnosis.errors import InputError
@@ -242,6 +243,7 @@ def _by_measured_forces(p: Prepared, plain: mujoco.MjModel) -> tuple[Prepared, A
     actuators = diagnose_actuators(p, plain, ids)
     if actuators is None:
         return p, None
+    p = freed(p, plain, actuators)
     drives = actuators.between_rows(plain)
     p = with_drives(p, plain, *drives)
     servos = [a for a in map(int, np.flatnonzero(p.measured)) if is_servo(plain, a)]

@@ -45,7 +45,8 @@ class Prepared:
 
     Attributes:
         spec: the nominal description. model: its compiled form (mechanical side: driven by measured forces
-        where these exist). measured: [nu] whether an actuator's force was measured and commanded.
+        where these exist). measured: [nu] whether an actuator's force was measured and commanded. known: [nu] whether
+        that force is its law's, without the noise of its measurement (None: of none).
     """
 
     spec: mujoco.MjSpec
@@ -61,6 +62,7 @@ class Prepared:
     warnings: list[str]
     config: Config
     timestep: float
+    known: np.ndarray | None = None
 
     def windows(
         self, held: bool, duration: float, limit: int, seed: int = 0, samples: int = MAX_SAMPLES
