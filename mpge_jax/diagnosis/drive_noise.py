@@ -62,7 +62,14 @@ def freed(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
     if not known.any():
         return p
     out = replace(p, train_sources=tuple(changed[0]), held_sources=tuple(changed[1]), known=known)
-    return p if _worse(p, out) else out
+    if _worse(p, out):
+        return p
+    names = ", ".join(p.names.actuators[a] for a in np.flatnonzero(known))
+    p.warnings.append(
+        f"what was measured as force of {names} is what the commands make of it plus white noise; the machine is driven "
+        "without that noise."
+    )
+    return out
 
 
 def _error(s: Source, plain: mujoco.MjModel, found: ActuatorSide, a: int) -> Array:
