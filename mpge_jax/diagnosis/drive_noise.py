@@ -66,8 +66,8 @@ def freed(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
         return p
     names = ", ".join(p.names.actuators[a] for a in np.flatnonzero(known))
     p.warnings.append(
-        f"what was measured as force of {names} is what the commands make of it plus white noise; the machine is driven "
-        "without that noise."
+        f"what was measured as force of {names} is what the commands make of it plus white noise; the machine is "
+        "driven without that noise."
     )
     return out
 
