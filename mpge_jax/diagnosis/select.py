@@ -168,10 +168,15 @@ class Search:
         return outlying < SEVERAL or self._at_floor(base)
 
     def _at_floor(self, base: Fitted) -> bool:
-        """Whether `base`, which has effects, leaves no more than it would if it were true."""
-        if self.floor is None or not base.hypothesis.terms:
+        """Whether `base` leaves no more than it would if it were true. Of the model as given that is asked with contacts
+        alone, and where chance leaves much: there a wrong effect finds something to explain."""
+        nominal = not base.hypothesis.terms
+        if self.floor is None or (nominal and not self.sim.ctx.contacts):
             return False
-        return not self.floor(base).beyond(self.left(base, self.whiten(base, temper=False)))
+        floor = self.floor(base)
+        if nominal and floor.loss < SETTLED:
+            return False
+        return not floor.beyond(self.left(base, self.whiten(base, temper=False)))
 
     def left(self, f: Fitted, whites: tuple[Whitener, Whitener]) -> Left:
         """What `f` leaves on training and held-out windows."""
