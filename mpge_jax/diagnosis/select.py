@@ -168,8 +168,8 @@ class Search:
         return outlying < SEVERAL or self._at_floor(base)
 
     def _at_floor(self, base: Fitted) -> bool:
-        """Whether `base` leaves no more than it would if it were true. Of the model as given that is asked with contacts
-        alone, and where chance leaves much: there a wrong effect finds something to explain."""
+        """Whether `base` leaves no more than it would if it were true. Of the model as given that is asked with
+        contacts alone, and where chance leaves much: there a wrong effect finds something to explain."""
         nominal = not base.hypothesis.terms
         if self.floor is None or (nominal and not self.sim.ctx.contacts):
             return False
