@@ -159,7 +159,7 @@ class Search:
             if not base.hypothesis.terms:
                 each = robust_loss(white.by_dof(flat, self.sim.model.nv)).mean(0)
                 if each.max() > LOUD:
-                    return False
+                    return self._at_floor(base)
             outlying += int(stand_out(robust_loss(x)).sum())
             # a tempered whitener, or an overestimated noise, says nothing
             little = np.median(x) < 0.5 and not white.inexact
