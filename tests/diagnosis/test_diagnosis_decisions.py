@@ -134,7 +134,7 @@ def test_what_one_joint_leaves_does_not_drown_in_what_another_scatters():
     # the second joint leaves twice as much as noise would, or much in a few windows
     assert floor_of.beyond(Left(losses, np.hstack([wild, 2 * calm]), typical))
     few = calm.copy()
-    few[-3:] = 6.0
+    few[-6:] = 6.0
     assert floor_of.beyond(Left(losses, np.hstack([wild, few]), np.arange(60) < 50))
     few[-1:] = 1.0
     assert not floor_of.beyond(Left(losses, np.hstack([wild, few]), typical))
