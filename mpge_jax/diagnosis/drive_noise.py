@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.actuator_side import MOVING, ActuatorSide
 from mpge_jax.diagnosis.drive_fit import BLOCK_S, log_of, predict
 from mpge_jax.diagnosis.drives import follows
 from mpge_jax.diagnosis.evidence import deviations
-from mpge_jax.diagnosis.fitted import NOTHING
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.model import has_plain_law
 from mpge_jax.diagnosis.noise import column_noise
 from mpge_jax.diagnosis.prepare import Prepared
@@ -51,7 +51,7 @@ def freed(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
         moving = any(t.name in MOVING for t in f.hypothesis.terms)
         if follow[a] or moving or not has_plain_law(plain, a) or p.names.actuators[a] in unexplained:
             continue
-        errors = [[_error(s, plain, found, a) for s in group] for group in groups]
+        errors = [[_error(s, plain, found, f, a) for s in group] for group in groups]
         white = _white_noise([s for group in groups for s in group], [e for es in errors for e in es])
         if white < SLIGHT * found.ctx.drive[a]:
             continue
@@ -72,15 +72,13 @@ def freed(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
     return out
 
 
-def _error(s: Source, plain: mujoco.MjModel, found: ActuatorSide, a: int) -> Array:
-    """Measured less predicted forces [T] of an actuator; NaN where there is none, or too few."""
+def _error(s: Source, plain: mujoco.MjModel, found: ActuatorSide, f: Fitted, a: int) -> Array:
+    """Measured forces [T] of an actuator less those of its law `f`; NaN where there is none, or too few."""
     out = np.full(s.recording.time.size, np.nan)
     log = log_of(s, found.ctx, a, found.grid, 0)
     if log is not None:
-        f = next((f for f in found.fits if f.hypothesis.terms[0].place.index == a), NOTHING)
-        out[np.isfinite(s.recording.known("force")[:, a])] = log.force - predict(
-            plain, found.ctx, f, a, log, found.grid
-        )
+        force = predict(plain, found.ctx, f, a, log, found.grid)
+        out[np.isfinite(s.recording.known("force")[:, a])] = log.force - force
     return out
 
 

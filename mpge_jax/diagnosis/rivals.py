@@ -34,7 +34,7 @@ SPECIAL_CASES = {
     ),
 }
 """Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
-PLAIN = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
+PLAIN_LAWS = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
 RICHER = 2
 """Elaborate laws in place of one plain one that are fitted to all windows."""
 
@@ -77,7 +77,7 @@ def find_rivals(
             nearest = {f.hypothesis for f in near}
             far = [f for f in fits if f.hypothesis not in nearest]
             fits = [*fit(s.sim, near, s.train, whites[0], iterations=1 if many else 3), *far]
-        if term.id in PLAIN and (best.losses.mean() > SETTLED or best.factor > 1.0):
+        if term.id in PLAIN_LAWS and (best.losses.mean() > SETTLED or best.factor > 1.0):
             fits += _richer(s, best, whites[0], sample, term)
         rivals = []
         for r in s.score(fits, whites):
