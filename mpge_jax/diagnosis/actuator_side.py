@@ -54,6 +54,11 @@ class ActuatorSide:
     grid: float = 0.0
 
     @property
+    def laws(self) -> dict[int, Fitted]:
+        """`fits` by actuator."""
+        return {f.hypothesis.terms[0].place.index: f for f in self.fits}
+
+    @property
     def effects(self) -> list[dict[str, Any]]:
         """Entries of `diagnosis.json`."""
         return [
@@ -100,8 +105,8 @@ class ActuatorSide:
         """Actuators whose force was found to come late and is held between rows all the same, each with the delays
         that its forces allow."""
         out = {}
-        for f in self.fits:
-            a, parts = f.hypothesis.terms[0].place.index, f.hypothesis.split(self.ctx, f.theta)
+        for a, f in self.laws.items():
+            parts = f.hypothesis.split(self.ctx, f.theta)
             delay = next((theta[0] for t, theta in parts.items() if t.name == DELAY), None)
             if delay is not None and not is_servo(plain, a) and not any(t.name in MOVING for t in parts):
                 out[a] = row_of(float(delay), self.ctx.period)
@@ -110,8 +115,7 @@ class ActuatorSide:
     def arrived(self, when: dict[int, Arrival]) -> ActuatorSide:
         """The same with delays as the motion tells them, within the rows that the forces told."""
         fits = []
-        for f in self.fits:
-            a = f.hypothesis.terms[0].place.index
+        for a, f in self.laws.items():
             delay = next((t for t in f.hypothesis.terms if t.name == DELAY), None)
             if delay is not None and a in when:
                 i = f.hypothesis.slices(self.ctx)[f.hypothesis.terms.index(delay)].start
@@ -127,7 +131,7 @@ class ActuatorSide:
     def between_rows(self, plain: mujoco.MjModel) -> tuple[set[int], Callable[[Source], Law]]:
         """Actuators whose force was found not to be held between two rows, as it lags behind the command or falls with
         speed; and the law of those and of servos between the rows of a recording."""
-        found = {f.hypothesis.terms[0].place.index: f for f in self.fits}
+        found = self.laws
         names = {a: {t.name for t in f.hypothesis.terms} for a, f in found.items()}
         moving = {a for a, terms in names.items() if terms & MOVING}
 

@@ -50,9 +50,7 @@ def arriving(source: Source, delays: dict[int, float]) -> Source:
         # what arrives with a row is in its force already
         first = np.searchsorted(t, t + delay - 1e-9)
         command[:, a], late[a] = source.command[np.minimum(first, t.size - 1), a], delay
-    return Source.build(
-        source.recording, source.states, command, source.smooth, source.age, source.activation, late, source.bend
-    )  # fmt: skip
+    return source.rebuilt(command=command, late=late)
 
 
 def with_arrivals(p: Prepared, when: dict[int, Arrival]) -> Prepared:
@@ -92,7 +90,7 @@ def arrivals(p: Prepared, f: Fitted, rows: dict[int, tuple[float, float]]) -> di
         return white(p.sim.residuals(runs, w.driven_by(tuple(arriving(s, at) for s in w.sources))))
 
     # what was fitted to other delays may move with them
-    steps = np.diag(Problem(f, f.hypothesis.params(p.ctx)).steps()) if f.theta.size else np.zeros((0, 0))
+    steps = np.diag(Problem(f, f.hypothesis.params(p.ctx)).steps())
     late, *further = left_at(high, [f.theta, *(f.theta + steps)])
     columns = []
     for k in range(len(rows)):

@@ -45,9 +45,8 @@ def freed(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
     changed = [list(group) for group in groups]
     known = np.zeros(plain.nu, bool)
     follow, unexplained = follows(plain), {at for entry in found.left for at in entry["at"]}
-    fits = {f.hypothesis.terms[0].place.index: f for f in found.fits}
     for a in map(int, np.flatnonzero(p.measured)):
-        f = fits.get(a, NOTHING)
+        f = found.laws.get(a, NOTHING)
         moving = any(t.name in MOVING for t in f.hypothesis.terms)
         if follow[a] or moving or not has_plain_law(plain, a) or p.names.actuators[a] in unexplained:
             continue
@@ -101,7 +100,7 @@ def _less(s: Source, a: int, error: Array, white: float) -> Source:
     noise = np.abs(mean) < SHIFTED * white / np.sqrt(count)
     command = s.command.copy()
     command[:, a] -= np.where(noise[index], error, 0.0)
-    return Source.build(s.recording, s.states, command, s.smooth, s.age, s.activation, s.late, s.bend)
+    return s.rebuilt(command=command)
 
 
 def _worse(measured: Prepared, laws: Prepared) -> bool:

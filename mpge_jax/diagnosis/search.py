@@ -46,12 +46,12 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         if not s.accept(chosen, base):
             # where windows scatter widely, the simplest of those that tie may be one that explains nothing
             chosen = next((r for r in ranked if s.named(r.fit, current.hypothesis)), chosen)
-            if not s.accept(chosen, base) and (pair := _only_together(s, chosen, base)) is not None:
-                chosen, last = pair
-                s.keep(chosen.fit)
-                current = chosen.fit
-                continue
             if not s.accept(chosen, base):
+                if (pair := _only_together(s, chosen, base)) is not None:
+                    chosen, last = pair
+                    current = chosen.fit
+                    s.keep(current)
+                    continue
                 last = last or ranked
                 wider = _wider(s, current)
                 if wider is current:

@@ -66,10 +66,12 @@ class Source:
 
     def older(self, factor: float) -> Source:
         """The same with `age` times `factor`."""
-        return Source.build(
-            self.recording, self.states, self.command, self.smooth, factor * self.age, self.activation, self.late,
-            self.bend,
-        )  # fmt: skip
+        return self.rebuilt(age=factor * self.age)
+
+    def rebuilt(self, **changes: Array) -> Source:
+        """The same with other arguments of `build`, and what follows from them."""
+        names = ("recording", "states", "command", "smooth", "age", "activation", "late", "bend")
+        return Source.build(**{**{name: getattr(self, name) for name in names}, **changes})
 
     def mean_command(self, edges: Array) -> Array:
         """Mean command [L, nu] over the steps between consecutive times `edges` [L + 1]."""
