@@ -9,18 +9,17 @@ import numpy as np
 
 from mpge_jax.diagnosis.model import is_joint_transmission, is_scalar, moments
 from mpge_jax.diagnosis.parameters import number
-from mpge_jax.diagnosis.verdict import active_dofs, excess_by_dof, explained_along
+from mpge_jax.diagnosis.verdict import Probed, active_dofs, probed
 
 if TYPE_CHECKING:
-    from mpge_jax.diagnosis.fitted import Fitted
     from mpge_jax.diagnosis.judge import Remainder
     from mpge_jax.diagnosis.prepare import Prepared
     from mpge_jax.diagnosis.select import Search
-    from mpge_jax.diagnosis.whiten import Whitener
+    from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
 ELSEWHERE = 3.0
-"""By how much clearer missing force (`excess_by_dof`) must be at a floating base than at any joint for its body to be
+"""By how much clearer missing force (`Probed.by_dof`) must be at a floating base than at any joint for its body to be
 the place."""
 
 ALIKE = 0.3
@@ -38,10 +37,10 @@ def _rank_correlation(a: Array, b: Array) -> float:
     return float(np.corrcoef(ra, rb)[0, 1])
 
 
-def _drive(p: Prepared, s: Search, f: Fitted, white: Whitener) -> tuple[int, Array] | None:
+def _drive(p: Prepared, w: Windows, missing: Probed) -> tuple[int, Array] | None:
     """The actuator, of those that drive no single joint (rotors) and whose force nobody measured, along which most of
     the missing force lies, and its moments [W, nv]."""
-    m, w = p.model, s.train
+    m = p.model
     several = [a for a in range(m.nu) if not is_joint_transmission(m, a) and not p.measured[a]]
     if not several or not w.count:
         return None
@@ -50,23 +49,23 @@ def _drive(p: Prepared, s: Search, f: Fitted, white: Whitener) -> tuple[int, Arr
         data.qpos[:] = w.q0[k]
         mujoco.mj_fwdPosition(m, data)
         along[k] = np.concatenate([moments(m, data), np.eye(m.nv)])
-    explained, whole = (x.sum(0) for x in explained_along(s.sim, f, w, white, along))
+    explained, whole = (x.sum(0) for x in missing.along(along))
     first = max(several, key=lambda a: explained[a])
     left, other = whole - explained[first], whole - np.delete(explained, first).max()
     sure = left < ALONG * whole and left + DIFFERENT < ALONG * other
     return (first, along[:, first]) if sure else None
 
 
-def _likeliest(s: Search, f: Fitted, whites: tuple[Whitener, Whitener], dofs: list[int]) -> list[int]:
+def _likeliest(missing: tuple[Probed, Probed], dofs: list[int]) -> list[int]:
     """The degree of freedom at which missing force alone explains most, and another one that does so nearly as well.
 
-    Force that is allowed everywhere at once (`excess_by_dof`) finds some at every joint where windows last longer than
+    Force that is allowed everywhere at once (`Probed.by_dof`) finds some at every joint where windows last longer than
     the force does, or contacts scatter them.
     """
     explained, lefts, wholes = [], [], []
-    for w, white in zip((s.train, s.held), whites, strict=True):
-        every = np.broadcast_to(np.eye(s.sim.model.nv)[dofs], (w.count, len(dofs), s.sim.model.nv))
-        alone, whole = explained_along(s.sim, f, w, white, every)
+    for part in missing:
+        windows, nv = part.push.shape
+        alone, whole = part.along(np.broadcast_to(np.eye(nv)[dofs], (windows, len(dofs), nv)))
         explained.append(alone)
         lefts.append(np.maximum(whole[:, None] - alone, 0.0))
         wholes.append(whole)
@@ -98,12 +97,14 @@ def describe(p: Prepared, s: Search, left: Remainder, share: float) -> dict[str,
     Args:
         share: share of the held-out squared error that remains.
     """
-    f, whites = left.fit, left.whites
-    ratio, force = excess_by_dof(s.sim, f, s.train, whites[0])
-    total = ratio + excess_by_dof(s.sim, f, s.held, whites[1])[0]
+    train, held = (
+        probed(s.sim, left.fit, w, white) for w, white in zip((s.train, s.held), left.whites, strict=True)
+    )
+    ratio, force = train.by_dof()
+    total = ratio + held.by_dof()[0]
     dofs = active_dofs(p.model) or list(range(p.model.nv))
     base = [d for d in range(p.model.nv) if d not in dofs]
-    order = _likeliest(s, f, whites, dofs)
+    order = _likeliest((train, held), dofs)
     at = [p.names.joint_of_dof(p.model, d) for d in order]
     if base and total[base].max() > ELSEWHERE * total[dofs].max():
         order = [base[int(np.argmax(total[base]))]]
@@ -119,7 +120,7 @@ def describe(p: Prepared, s: Search, left: Remainder, share: float) -> dict[str,
     clues = {"speed of the joint": np.abs(w.v0[:, worst]), "time since the start": w.start, **sizes}
     if is_scalar(p.model, joint):
         clues["angle of the joint"] = w.q0[:, int(p.model.jnt_qposadr[joint])]
-    drive = _drive(p, s, f, whites[0])
+    drive = _drive(p, w, train)
     if drive is not None:
         actuator, moment = drive
         at = [p.names.actuators[actuator]]
