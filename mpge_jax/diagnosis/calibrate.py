@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import mujoco
 import numpy as np
 from scipy.stats import mannwhitneyu, norm
 
@@ -17,7 +18,7 @@ from mpge_jax.diagnosis.noise import column_noise
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.rotations import integrate
-from mpge_jax.diagnosis.simulate import Run
+from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States, estimate
 from mpge_jax.diagnosis.verdict import noise_floor
@@ -103,25 +104,33 @@ class Left:
 def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int = 16) -> Floor:
     """The floor when `f` is the truth, with the same noise (of measured forces too) and commands.
 
+    With contacts, the higher one of two truths: as the model steps, and in finer steps, which change impacts more than
+    whitening's directions follow.
+
     Stretches of the training recordings are simulated anew from their own states, noise is added, and they go
     through smoothing, cutting and whitening like the real ones.
 
     Args:
         shaken: the `force_noise` of these recordings, where it is known already.
     """
+    shaken = force_noise(prepared) if shaken is None else shaken
+    truths = (False, True) if prepared.ctx.contacts else (False,)
+    return max((_floor(prepared, f, shaken, limit, finer) for finer in truths), key=lambda x: x.loss)
+
+
+def _floor(prepared: Prepared, f: Fitted, shaken: Array, limit: int, finer: bool) -> Floor:
     sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
     # of all their rows: commands averaged over several would count as noise
     w = prepared.windows(held=False, duration=SEGMENT, limit=limit, seed=5, samples=ALL)
     if not w.count or w.times.shape[1] < 14:
         return Floor()
-    shaken = force_noise(prepared) if shaken is None else shaken
     # the first row of a segment is that after the window's start
     rows = [
         w.sources[k].recording.time.searchsorted(t + 1e-9) for k, t in zip(w.source, w.start, strict=True)
     ]
     along = {k: activations(sim.model, w.sources[k]) for k in set(w.source.tolist())}
     filled = [along[k][row] for k, row in zip(w.source, rows, strict=True)]
-    simulated = zip(_simulated(prepared, f, w, rows, shaken, rng), filled, w.source, rows, strict=True)
+    simulated = zip(_simulated(prepared, f, w, rows, shaken, rng, finer), filled, w.source, rows, strict=True)
     kept = [x for x in simulated if x[0].time.size >= 14]
     if not kept:
         return Floor()
@@ -193,10 +202,17 @@ def _again(r: Recording, states: States, act: Array, original: Source, row: int)
 
 
 def _simulated(
-    prepared: Prepared, f: Fitted, w: Windows, rows: list[int], shaken: Array, rng: np.random.Generator
+    prepared: Prepared,
+    f: Fitted,
+    w: Windows,
+    rows: list[int],
+    shaken: Array,
+    rng: np.random.Generator,
+    finer: bool,
 ) -> list[Recording]:
     m = prepared.model
-    residual = prepared.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
+    run = [Run(f.hypothesis, f.theta)]
+    residual = in_finer_steps(prepared.sim, run, w)[0] if finer else prepared.sim.residuals(run, w)[0]
     out = []
     noise = prepared.noise
     scale = column_scale(noise, m)[: m.nv]
@@ -226,3 +242,11 @@ def _simulated(
             ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape)
         out.append(Recording(f"calibration_{k}", time, qpos, velocity, ctrl if m.nu else np.zeros((n, 0))))
     return out
+
+
+def in_finer_steps(sim: Simulator, runs: list[Run], w: Windows) -> Array:
+    """Residuals [R, W, N, 2 nv] with half the timestep; of Runge-Kutta, with such semi-implicit steps."""
+    if sim.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
+        return sim.residuals(runs, w.refined(2))
+    with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+        return sim.residuals(runs, w.refined(2))
