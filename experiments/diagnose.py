@@ -9,9 +9,22 @@ import argparse
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 from mpge_jax.diagnosis import Config, InputError, diagnose
 from mpge_jax.diagnosis.mapping import load
+from mpge_jax.diagnosis.vocabulary import vocabulary_table
+
+
+class _ListEffects(argparse.Action):
+    """Prints the vocabulary instead of a diagnosis, as `--help` prints the options."""
+
+    def __init__(self, option_strings: list[str], dest: str, **kwargs: Any) -> None:
+        super().__init__(option_strings, dest, nargs=0, **kwargs)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(vocabulary_table())
+        parser.exit()
 
 
 def parser() -> argparse.ArgumentParser:
@@ -32,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
         help="recordings to hold out (default: heldout_*, else a third)",
     )
     out.add_argument("--effects", nargs="+", metavar="ID", help="effects to try (default: all)")
+    out.add_argument("--list-effects", action=_ListEffects, help="print the effects that it knows, and exit")
     out.add_argument("--map", type=Path, metavar="MAP.yaml", help="renames and converts columns")
     out.add_argument("--seed", type=int, default=0)
     out.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="threads (default: all)")

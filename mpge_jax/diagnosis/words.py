@@ -144,7 +144,10 @@ def beside_noise(after: float, noise: float, unit: str) -> str:
 def error_unit(d: Diagnosis) -> str:
     """Unit of the errors: of positions over all joints together or, where the motion is given, of forces."""
     m = d.prepared.model
-    kinds = set(m.jnt_type.tolist())
+    measured = [
+        not all(np.isnan(s.recording.qpos[:, q]).all() for s in d.prepared.train_sources) for q in m.jnt_qposadr
+    ]
+    kinds = set(m.jnt_type[measured].tolist())
     if motion_is_given(d):
         driven = [a for a in map(int, np.flatnonzero(d.prepared.measured)) if is_joint_transmission(m, a)]
         kinds = {int(m.jnt_type[m.actuator_trnid[a, 0]]) for a in driven}

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 from html.parser import HTMLParser
+from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
@@ -16,12 +17,13 @@ import pytest
 from machines import PENDULUM, record
 
 from experiments.diagnose import main
-from mpge_jax.diagnosis import Config, InputError, Recording, diagnose, outputs
+from mpge_jax.diagnosis import VOCABULARY, Config, InputError, Recording, diagnose, outputs
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.export import write_models
 from mpge_jax.diagnosis.fitted import NOTHING
 from mpge_jax.diagnosis.model import load_spec
 
+ROOT = Path(__file__).parents[2]
 EFFECTS = ["coulomb_friction", "viscous_damping", "actuator_gain"]
 EVIL = 'hinge&lt;script&gt;alert(1)&lt;/script&gt;"'
 
@@ -46,6 +48,14 @@ def result(folder, tmp_path_factory):
     arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out", str(out)]
     assert main([*arguments, "--effects", *EFFECTS, "--jobs", "1", "--quiet"]) == 0
     return out, json.loads((out / "diagnosis.json").read_text())
+
+
+def test_the_vocabulary_is_listed_as_it_is_documented(capsys):
+    with pytest.raises(SystemExit) as done:
+        main(["--list-effects"])
+    table = capsys.readouterr().out
+    assert done.value.code == 0 and table.count("\n") == 2 + len(VOCABULARY)
+    assert table in (ROOT / "docs" / "vocabulary.md").read_text(), "copy the output of --list-effects there"
 
 
 def test_friction_is_named_with_its_value(result):

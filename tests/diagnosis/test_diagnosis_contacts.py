@@ -8,8 +8,11 @@ import pytest
 from machines import BOX, record
 
 from mpge_jax.diagnosis import Config
+from mpge_jax.diagnosis.build_search import build_search
+from mpge_jax.diagnosis.calibrate import floor
 from mpge_jax.diagnosis.contacts import allowed_pairs, touching_pairs
 from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.fitted import NOTHING
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.recording import validate
@@ -69,3 +72,31 @@ def test_a_geom_that_takes_part_in_all_contacts_is_the_world():
     )
     # where heights were not measured, nobody knows what touched
     assert _places(TWO, missing=1) == ["world", "floor", "left", "right"]
+
+
+LEG = """<mujoco><option timestep="0.004" integrator="RK4"/><worldbody><geom name="floor" type="plane" size="5 5 1"/>
+<body pos="0 0 .35"><joint name="rail" type="slide" axis="0 0 1" damping="1"/>
+<geom type="sphere" size=".05" mass="1" contype="0" conaffinity="0"/>
+<body><joint name="leg" type="slide" axis="0 0 1" damping="2" armature=".05" range="-.1 .1"/>
+<geom name="foot" type="sphere" size=".04" pos="0 0 -.3" mass=".2"/></body></body></worldbody>
+<actuator><motor name="push" joint="leg"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
+def test_impacts_in_finer_steps_are_no_physics_and_a_force_is(integrator):
+    """A hopping leg with an encoder so good that what a timestep changes at an impact exceeds its noise by far."""
+    xml = LEG.replace("RK4", integrator)
+
+    def beyond(force=None) -> bool:
+        spec = mujoco.MjSpec.from_string(xml)
+        plain = compile_variable(spec)
+        recordings = record(xml, 25.0, force=force, seconds=4.0, noise=1e-5)
+        p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+        s = build_search(p, lambda _text: None, p.config.decide_s)
+        return floor(p, NOTHING).beyond(s.left(NOTHING, s.whiten(NOTHING, temper=False)))
+
+    def drag(_model, data):
+        data.qfrc_applied[1] -= 1.0 * data.qvel[1]
+
+    assert not beyond()
+    assert beyond(drag)
