@@ -14,8 +14,10 @@ _HINGE = """<mujoco><worldbody><geom type="plane" size="5 5 1"/><body pos="0 0 .
 
 
 def vocabulary_table() -> str:
-    """Every registered effect as a row of a Markdown table, with the units that a driven hinge gives its parameters; the
-    second forms of effects, which share their names, are left out."""
+    """Every registered effect as a row of a Markdown table, with the units that a driven hinge gives its parameters.
+
+    The second forms of effects, which share their names, are left out.
+    """
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(_HINGE)))
     rows = [_row(name, effect, ctx) for name, effect in REGISTRY.items() if ":" not in name]
     head = ["effect", "at", "equation", "parameters", "is seen best in"]

@@ -145,7 +145,8 @@ def error_unit(d: Diagnosis) -> str:
     """Unit of the errors: of positions over all joints together or, where the motion is given, of forces."""
     m = d.prepared.model
     measured = [
-        not all(np.isnan(s.recording.qpos[:, q]).all() for s in d.prepared.train_sources) for q in m.jnt_qposadr
+        not all(np.isnan(s.recording.qpos[:, q]).all() for s in d.prepared.train_sources)
+        for q in m.jnt_qposadr
     ]
     kinds = set(m.jnt_type[measured].tolist())
     if motion_is_given(d):
