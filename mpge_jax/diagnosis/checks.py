@@ -12,9 +12,29 @@ from mpge_jax.diagnosis.states import Noise
 
 RESTING = 10.0
 """Deviations of the noise within which a joint that does not move stays."""
+LISTED = 3
+"""Recordings that a warning names, at most."""
 POSES, MOVED, MATTERS = 5, (-1.0, -0.3, -0.1, 0.1, 0.3), 0.02
 """Poses in which a base is moved by so much (m or rad), and the share of the accelerations that must change for its
 pose to matter."""
+
+
+def told_once(recordings: list[Recording]) -> list[str]:
+    """Warnings of all recordings; what is the same for several of them is said once."""
+    groups: dict[str, list[str]] = {}
+    for r in recordings:
+        for warning in r.warnings:
+            text = warning.removeprefix(f"{r.name}: ")
+            groups.setdefault(text, []).extend([] if text == warning else [r.name])
+    return [f"{_listed(called, len(recordings))}{text}" for text, called in groups.items()]
+
+
+def _listed(called: list[str], count: int) -> str:
+    """Names of recordings before what is said of them; nothing where none is meant."""
+    if len(called) == count > 1:
+        return "every recording: "
+    more = f" and {len(called) - LISTED} others" if len(called) > LISTED else ""
+    return f"{', '.join(called[:LISTED])}{more}: " if called else ""
 
 
 def check_commands(recordings: list[Recording], measured: np.ndarray, names: Names) -> None:

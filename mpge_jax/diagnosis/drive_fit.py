@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.drives import stroke
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, Step
-from mpge_jax.diagnosis.evidence import rare
+from mpge_jax.diagnosis.evidence import rare, strong
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.model import clipped, is_joint_transmission
@@ -262,7 +262,7 @@ def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: 
                 for f in (current, chosen)
             )
             worse, better = np.concatenate([first, before]), np.concatenate([second, after])
-            if not rare(worse, better, fitted=first.size):
+            if not (strong(gain, worse - better) or rare(worse, better, fitted=first.size)):
                 return current
         old, new = (residual(model, ctx, f, a, d.held, d) for f in (current, chosen))
         if float(np.sort(np.abs(new - old))[-FEW:][0]) * d.sigma < DETAIL * ctx.drive[a]:

@@ -18,6 +18,7 @@ from mpge_jax.diagnosis.checks import (
     check_forces,
     check_model,
     check_motion,
+    told_once,
 )
 from mpge_jax.diagnosis.clock import at_their_stamps
 from mpge_jax.diagnosis.coarse import as_large_as_motion, bound, holds_states, is_coarse, states_as_measured
@@ -143,7 +144,7 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     spec = load_spec(source)
     plain = compile_variable(spec)
     names = names_of(plain)
-    warnings = [w for r in recordings for w in r.warnings]
+    warnings = told_once(recordings)
     rng = np.random.default_rng(config.seed)
     train, held, notes = split(recordings, config.held_out, rng)
     warnings += notes

@@ -250,6 +250,7 @@ def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list
         out.append(f"{name}: only {1 / median:.3g} rows a second; fast effects cannot be seen.")
     if median < 0.2 * model.opt.timestep:
         out.append(f"{name}: rows are {median:.3g} s apart, closer than the model's timestep.")
+    still = []
     for j in range(model.njnt):
         column = int(model.jnt_qposadr[j])
         if not is_scalar(model, j):
@@ -258,11 +259,13 @@ def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list
         if np.isnan(value).all():
             continue
         if recording.time.size > 5 and np.ptp(value) == 0:
-            out.append(f"{name}: joint {names.joints[j]} never moved; its effects cannot be seen here.")
+            still.append(names.joints[j])
         if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and np.abs(value).max() > 4 * np.pi:
             limit = np.abs(model.jnt_range[j]).max() if model.jnt_limited[j] else np.inf
             if np.abs(value).max() > 8 * limit or (not model.jnt_limited[j] and np.ptp(value) > 60):
                 out.append(f"{name}: positions of {names.joints[j]} look like degrees; radians are needed.")
+    if still:
+        out.append(f"{name}: {', '.join(still)} never moved; what acts there cannot be seen here.")
     if recording.ctrl is not None:
         limited = model.actuator_ctrllimited.astype(bool)
         low, high = model.actuator_ctrlrange[:, 0], model.actuator_ctrlrange[:, 1]

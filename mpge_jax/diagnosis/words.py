@@ -189,4 +189,6 @@ def separation(d: Diagnosis, term: Term, fits: list[Fitted]) -> str:
         return f"move {' and '.join(places)} one at a time"
     remedies = [t.effect.remedy for t in others]
     unique = list(dict.fromkeys(r for r in remedies if r))
+    # one that says more says the other too
+    unique = [r for r in unique if not any(r != more and r in more for more in unique)]
     return "; ".join(unique)[:600] or "move every joint over its whole range at several speeds"

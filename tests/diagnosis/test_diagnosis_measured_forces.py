@@ -296,3 +296,27 @@ def test_a_delay_is_not_called_a_lag_beside_it():
     assert [t.id for t in found.hypothesis.terms] == ["actuator_delay"]
     # a force that is seen at the rows alone tells the delay to a row
     assert 0.01 <= found.theta[0] <= 0.02
+
+
+@pytest.mark.parametrize("limit", [2.0, np.inf])
+def test_a_limit_that_is_reached_in_three_stretches_of_forty_is_seen(limit):
+    """One burst of commands each in the training and the held-out logs; a quarter of the stretches are noisier."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1"/></body></worldbody>
+        <actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
+    )
+    rng, logs = np.random.default_rng(0), []
+    for k in range(8):
+        t = 0.01 * np.arange(400)
+        u = np.sin(np.outer(t, rng.uniform(3, 25, 6)) + rng.uniform(0, 6, 6)).sum(1) / 4
+        u[100:170] *= 4 if k in (0, 6) else 1
+        rest, rows = np.zeros(400), np.arange(400)
+        noise = np.where(rows // 25 % 4, 1e-2, 5e-2) * rng.standard_normal(400)
+        force = np.clip(u, -limit, limit) + noise
+        logs.append(Log(f"run_{k}", t, u[None], rows, force, rest, rest, 16 * k + rows // 25))
+    data = Data(logs[:5], logs[5:], 2e-2, 0.01)
+    ctx = dataclasses.replace(nominal_context(model), drive=np.array([2.0]), period=0.01)
+    place = Place("actuator", "motor", 0)
+    found = search_law(model, ctx, place, data, ["torque_saturation", "actuator_gain", "actuator_deadzone"])
+    assert [t.id for t in found.hypothesis.terms] == ["torque_saturation"] * int(np.isfinite(limit))
+    assert not found.theta.size or found.theta[0] == pytest.approx(limit, rel=0.02)

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 import pytest
-from machines import BOX, PENDULUM, record
+from machines import ARM, BOX, PENDULUM, record
 
 from mpge_jax.diagnosis import Config, InputError, Recording, diagnose
 from mpge_jax.diagnosis.actuator_side import diagnose_actuators
@@ -142,6 +142,23 @@ def test_equal_names_are_refused_and_copies_warned_of():
         )
     copy = dataclasses.replace(recordings[0], name="heldout_0")
     assert any("same recording" in w for w in prepared(PENDULUM, [*recordings, copy]).warnings)
+
+
+def test_what_holds_for_several_recordings_is_said_once():
+    def told(count: int, clipped: int) -> list[str]:
+        """Warnings of recordings of an arm whose elbow stands still, the first `clipped` with a command too large."""
+        runs = record(ARM, [1.0, 0.2], count=count)
+        for k, r in enumerate(runs):
+            r.qpos[:, 1] = 0.1
+            r.ctrl[:, 0] = 9.0 if k < clipped else 1.0
+        xml = ARM.replace('joint="shoulder"/>', 'joint="shoulder" ctrllimited="true" ctrlrange="-3 3"/>')
+        return [w for w in prepared(xml, runs).warnings if "never moved" in w or "ctrlrange" in w]
+
+    still = "every recording: elbow never moved; what acts there cannot be seen here."
+    clipped = "commands of shoulder_motor leave its ctrlrange and are clipped."
+    assert told(3, 0) == [still]
+    assert set(told(3, 2)) == {still, f"run_0, run_1: {clipped}"}
+    assert set(told(6, 5)) == {still, f"run_0, run_1, run_2 and 2 others: {clipped}"}
 
 
 def test_a_machine_at_rest_never_moved_whatever_its_noise():
