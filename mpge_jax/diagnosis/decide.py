@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import Floor, floor
-from mpge_jax.diagnosis.finish import final_fit, prune, refined
+from mpge_jax.diagnosis.finish import final_fit, prune, refined, with_timestep_error
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.judge import FitReport, Remainder, fit_report, helps, remainder
+from mpge_jax.diagnosis.polish import polished
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.rigid import name_nearest
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
@@ -41,12 +42,15 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
     """Search, once more in longer windows if that finds nothing, refine, and keep only what helps."""
     c = p.config
     f, rivals = _settle(s, *search(s))
+    if f.theta.size and p.ctx.contacts:
+        say("refining parameters")
+        f = with_timestep_error(s, polished(s.sim, f, s.train, s.whiten(f)[0], s.seed), s.train)
     noise, left = _left(p, s, f)
     if not f.hypothesis.terms and left is None:
         f, rivals = _look_again(p, s, say)
         noise, left = _left(p, s, f) if f.hypothesis.terms else (noise, left)
-    # what nobody knows adds up in longer windows and pulls parameters along
-    if f.theta.size and left is None and c.report_s > c.decide_s:
+    # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
+    if f.theta.size and left is None and c.report_s > c.decide_s and not p.ctx.contacts:
         say("refining parameters")
         f = refined(s, f, p.windows(False, c.report_s, REFINED))
     held = fit_report(p, f, held=True)

@@ -35,10 +35,15 @@ def fit(
     white: Whitener,
     iterations: int = 8,
     tolerance: float = 1e-3,
+    stride: float = 1.0,
 ) -> list[Fitted]:
-    """Fit every start; returns them in order, with losses, information and covariances on `w`."""
+    """Fit every start; returns them in order, with losses, information and covariances on `w`.
+
+    Args:
+        stride: length of finite differences, in usual ones.
+    """
     ctx = sim.ctx
-    problems = [Problem(f, f.hypothesis.params(ctx)) for f in starts]
+    problems = [Problem(f, f.hypothesis.params(ctx), stride=stride) for f in starts]
     _linearise(sim, problems, w, white)
     for _ in range(iterations):
         active = [p for p in problems if not p.done and p.params]

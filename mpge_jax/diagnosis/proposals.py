@@ -22,6 +22,7 @@ class Problem:
 
     Attributes:
         offset: [W, N, 2 nv] residuals less those of semi-implicit steps, where those stand for costly ones.
+        stride: length of finite differences, in usual ones.
     """
 
     fit: Fitted
@@ -30,6 +31,7 @@ class Problem:
     whitened: Array = field(default_factory=nothing)
     jacobian: Array = field(default_factory=nothing)
     offset: Array = field(default_factory=nothing)
+    stride: float = 1.0
     done: bool = False
     small: int = 0
 
@@ -38,7 +40,7 @@ class Problem:
         _, high = bounds(self.params)
         scale = np.array([p.scale for p in self.params])
         theta = self.fit.theta
-        h = 0.02 * scale + 1e-4 * np.abs(theta)
+        h = self.stride * (0.02 * scale + 1e-4 * np.abs(theta))
         return np.where(theta + h > high, -h, h)
 
 
