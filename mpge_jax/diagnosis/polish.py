@@ -17,8 +17,8 @@ from mpge_jax.diagnosis.whiten import Whitener, robust_loss
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
-ROUNDS = 8
-"""Generations of the search."""
+ROUNDS, MOST = 8, 40
+"""Generations of the search, and candidates in each at most."""
 GROW, SHRINK = 0.9, 0.6
 """Change of its width after generations in which several candidates were better, or none or one."""
 SECANT = 20.0
@@ -74,7 +74,7 @@ def polished(sim: Simulator, f: Fitted, w: Windows, white: Whitener, seed: int) 
     width = np.where(np.sqrt(np.diag(f.cov)) < SEEN * scales, scales, 0.0)
     if not width.any() or w.count < 2:
         return f
-    count = 4 + 4 * np.count_nonzero(width)
+    count = min(4 + 4 * np.count_nonzero(width), MOST)
     tried = _Tried(np.zeros((0, width.size)), np.zeros((0, w.count)), np.zeros(0))
     tried.add(sim, f, f.theta[None], w, white)
     for _ in range(ROUNDS):
