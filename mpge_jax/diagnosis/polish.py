@@ -74,7 +74,7 @@ def polished(sim: Simulator, f: Fitted, w: Windows, white: Whitener, seed: int) 
     width = np.where(np.sqrt(np.diag(f.cov)) < SEEN * scales, scales, 0.0)
     if not width.any() or w.count < 2:
         return f
-    count = min(4 + 4 * np.count_nonzero(width), MOST)
+    count = min(4 + 4 * int(np.count_nonzero(width)), MOST)
     tried = _Tried(np.zeros((0, width.size)), np.zeros((0, w.count)), np.zeros(0))
     tried.add(sim, f, f.theta[None], w, white)
     for _ in range(ROUNDS):
