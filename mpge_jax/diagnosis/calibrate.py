@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-import mujoco
 import numpy as np
 from scipy.stats import mannwhitneyu, norm
 
@@ -18,11 +17,11 @@ from mpge_jax.diagnosis.noise import column_noise
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.recording import Recording
 from mpge_jax.diagnosis.rotations import integrate
-from mpge_jax.diagnosis.simulate import Run, Simulator
+from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import States, estimate
 from mpge_jax.diagnosis.verdict import noise_floor
-from mpge_jax.diagnosis.whiten import column_scale, numerics, robust_loss, whitener
+from mpge_jax.diagnosis.whiten import column_scale, in_finer_steps, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.windows import Windows, cut
 
 Array = np.ndarray
@@ -212,7 +211,7 @@ def _simulated(
 ) -> list[Recording]:
     m = prepared.model
     run = [Run(f.hypothesis, f.theta)]
-    residual = in_finer_steps(prepared.sim, run, w)[0] if finer else prepared.sim.residuals(run, w)[0]
+    residual = in_finer_steps(prepared.sim, run, w, 2)[0] if finer else prepared.sim.residuals(run, w)[0]
     out = []
     noise = prepared.noise
     scale = column_scale(noise, m)[: m.nv]
@@ -242,11 +241,3 @@ def _simulated(
             ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape)
         out.append(Recording(f"calibration_{k}", time, qpos, velocity, ctrl if m.nu else np.zeros((n, 0))))
     return out
-
-
-def in_finer_steps(sim: Simulator, runs: list[Run], w: Windows) -> Array:
-    """Residuals [R, W, N, 2 nv] with half the timestep; of Runge-Kutta, with such semi-implicit steps."""
-    if sim.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
-        return sim.residuals(runs, w.refined(2))
-    with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
-        return sim.residuals(runs, w.refined(2))

@@ -177,12 +177,10 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
     """
     run, kind = [Run(hypothesis, theta)], mujoco.mjtIntegrator
     plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(w.dt / 8)))
-    out, euler = {}, sim.model.opt.integrator == kind.mjINT_EULER
-    if sim.model.opt.integrator == kind.mjINT_RK4:
-        with sim.integrator(kind.mjINT_EULER):
-            out[STEP] = sim.residuals(run, w.refined(4))[0] - plain
-    else:
-        out[STEP] = sim.residuals(run, w.refined(2))[0] - plain
+    steps = sim.model.opt.integrator
+    runge_kutta, euler = steps == kind.mjINT_RK4, steps == kind.mjINT_EULER
+    out = {STEP: in_finer_steps(sim, run, w, 4 if runge_kutta else 2)[0] - plain}
+    if not runge_kutta:
         with sim.integrator(kind.mjINT_IMPLICITFAST if euler else kind.mjINT_EULER):
             out[INTEGRATOR] = sim.residuals(run, w)[0] - plain
     out[LATE] = late - plain
@@ -190,6 +188,14 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
     if older is not None:
         out[OLDER] = sim.residuals(run, older)[0] - plain
     return out
+
+
+def in_finer_steps(sim: Simulator, runs: list[Run], w: Windows, factor: int) -> Array:
+    """Residuals [R, W, N, 2 nv] in `factor` times as many steps; of Runge-Kutta, in such semi-implicit ones."""
+    if sim.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
+        return sim.residuals(runs, w.refined(factor))
+    with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+        return sim.residuals(runs, w.refined(factor))
 
 
 def robust_loss(x: Array) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from machines import BOX, record
 
-from mpge_jax.diagnosis import Config
+from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import floor
 from mpge_jax.diagnosis.contacts import allowed_pairs, touching_pairs
@@ -17,8 +17,9 @@ from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.polish import polished
-from mpge_jax.diagnosis.prepare import prepare
+from mpge_jax.diagnosis.prepare import Prepared, prepare
 from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.select import Search
 
 TWO = """<mujoco><option timestep="0.002"/><worldbody><geom name="floor" type="plane" size="5 5 1"/>
 <body name="left" pos="-.5 0 .1"><joint name="a" type="slide" axis="1 0 0"/><joint name="u" type="slide" axis="0 0 1"/>
@@ -54,14 +55,18 @@ def test_bodies_of_several_geoms_come_near_too():
     assert touching_pairs(model, np.array([[0, 0.021, 0, 0.5]]), 1.0) == ()
 
 
-def _places(xml: str, missing: int | None = None) -> list[str]:
+def _prepared(xml: str, recordings: list[Recording]) -> Prepared:
     spec = mujoco.MjSpec.from_string(xml)
     plain = compile_variable(spec)
+    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+
+
+def _places(xml: str, missing: int | None = None) -> list[str]:
     recordings = record(xml, 1.0, seconds=0.5)
     for r in recordings:
         if missing is not None:
             r.qpos[:, missing] = np.nan
-    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    p = _prepared(xml, recordings)
     return [q.name for q in REGISTRY["contact_friction"].places(p.ctx)]
 
 
@@ -85,17 +90,19 @@ LEG = """<mujoco><option timestep="0.004" integrator="RK4"/><worldbody><geom nam
 <actuator><motor name="push" joint="leg"/></actuator></mujoco>"""
 
 
+def _search(xml: str, **reality) -> tuple[Prepared, Search]:
+    """The search in recordings of a leg that differs from `xml`, seen with an excellent encoder."""
+    p = _prepared(xml, record(xml, 25.0, seconds=4.0, noise=1e-5, **reality))
+    return p, build_search(p, lambda _text: None, p.config.decide_s)
+
+
 @pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
 def test_impacts_in_finer_steps_are_no_physics_and_a_force_is(integrator):
     """A hopping leg with an encoder so good that what a timestep changes at an impact exceeds its noise by far."""
     xml = LEG.replace("RK4", integrator)
 
     def beyond(force=None) -> bool:
-        spec = mujoco.MjSpec.from_string(xml)
-        plain = compile_variable(spec)
-        recordings = record(xml, 25.0, force=force, seconds=4.0, noise=1e-5)
-        p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-        s = build_search(p, lambda _text: None, p.config.decide_s)
+        p, s = _search(xml, force=force)
         return floor(p, NOTHING).beyond(s.left(NOTHING, s.whiten(NOTHING, temper=False)))
 
     def drag(_model, data):
@@ -111,11 +118,7 @@ def test_a_load_is_found_through_impacts_without_slopes():
     def loaded(model):
         model.body_mass[1] += 0.3
 
-    spec = mujoco.MjSpec.from_string(LEG)
-    plain = compile_variable(spec)
-    recordings = record(LEG, 25.0, change=loaded, seconds=4.0, noise=1e-5)
-    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    s = build_search(p, lambda _text: None, p.config.decide_s)
+    p, s = _search(LEG, change=loaded)
     term = Term("payload_mass", find_place(p.ctx, REGISTRY["payload_mass"], "body_1"))
     theta = np.array([0.36, 0.0, 0.0, 0.0])
     start = Fitted(Hypothesis.of(term), theta, theta)
