@@ -32,6 +32,10 @@ SERVO = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbod
 </mujoco>"""
 
 
+MOTOR = """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1"/></body></worldbody>
+<actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
+
+
 def _states(q: np.ndarray, v: np.ndarray) -> States:
     return States(q[:, None], v[:, None], 0 * q[:, None], np.zeros((q.size, 1, 2, 2)))
 
@@ -254,10 +258,7 @@ def test_effects_of_actuators_act_on_forces_within_their_limits(terms, forces):
 
 def test_what_came_before_a_log_is_nothing_unexplained():
     """Twenty logs of a second, of a motor with a lag of 50 ms, that begin in the midst of motion."""
-    model = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1"/></body></worldbody>
-        <actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
-    )
+    model = mujoco.MjModel.from_xml_string(MOTOR)
     ctx, term = nominal_context(model), Term("actuator_lag", Place("actuator", "motor", 0))
     rng, lag, dt, logs = np.random.default_rng(0), 0.05, 0.01, []
     for k in range(20):
@@ -278,10 +279,7 @@ def test_what_came_before_a_log_is_nothing_unexplained():
 
 
 def test_a_delay_is_not_called_a_lag_beside_it():
-    model = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1"/></body></worldbody>
-        <actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
-    )
+    model = mujoco.MjModel.from_xml_string(MOTOR)
     rng, logs = np.random.default_rng(0), []
     for k in range(6):
         t = 0.01 * np.arange(400)
@@ -301,10 +299,7 @@ def test_a_delay_is_not_called_a_lag_beside_it():
 @pytest.mark.parametrize("limit", [2.0, np.inf])
 def test_a_limit_that_is_reached_in_three_stretches_of_forty_is_seen(limit):
     """One burst of commands each in the training and the held-out logs; a quarter of the stretches are noisier."""
-    model = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1"/></body></worldbody>
-        <actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
-    )
+    model = mujoco.MjModel.from_xml_string(MOTOR)
     rng, logs = np.random.default_rng(0), []
     for k in range(8):
         t = 0.01 * np.arange(400)
