@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.effects.base import REGISTRY, find_place, nominal_contex
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.export import CORRECTED, NOMINAL
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.model import compile_variable, load_spec
+from mpge_jax.diagnosis.model import compile_variable, free_inertia, load_spec
 from mpge_jax.diagnosis.stepping import Machine
 
 
@@ -128,6 +128,9 @@ class CStepper:
         arm = self.data.xipos[body] - self.data.subtree_com[root]
         return self.data.cvel[body, 3:] + np.cross(self.data.cvel[body, :3], arm)
 
+    def _inertia(self, dof: int) -> np.ndarray:
+        return free_inertia(self.model, self.data.qLD, dof)
+
     def step(self, ctrl: np.ndarray, count: int = 1) -> None:
         """`count` steps under a command [nu] that is held."""
         m, d, dt = self.machine, self.data, float(self.model.opt.timestep)
@@ -137,7 +140,16 @@ class CStepper:
                 self._commands = stepping.command_start(np, m, ctrl, dt)
             reached, self._commands = stepping.command_step(np, m, ctrl, self._commands, dt)
             s = stepping.observe(
-                np, m, d.qpos, d.qvel, reached, self._body_velocity, d.actuator_force, dt, d.qfrc_bias
+                np,
+                m,
+                d.qpos,
+                d.qvel,
+                reached,
+                self._body_velocity,
+                d.actuator_force,
+                dt,
+                d.qfrc_bias,
+                self._inertia,
             )
             if self._forces is None:
                 self._forces = stepping.force_start(np, m, s)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -16,7 +17,7 @@ import numpy as np
 
 from mpge_jax.diagnosis import stepping
 from mpge_jax.diagnosis.effects.drive import Drive
-from mpge_jax.diagnosis.model import is_scalar, moments
+from mpge_jax.diagnosis.model import free_inertia, is_scalar, moments
 from mpge_jax.diagnosis.noise import column_noise
 from mpge_jax.diagnosis.source import Source
 from mpge_jax.diagnosis.states import estimate
@@ -156,8 +157,9 @@ def _needed(machine: Machine, source: Source, rows: slice) -> Array:
         for _ in range(ROUNDS if machine.runtime else 0):
             mujoco.mj_inverse(model, data)
             step = stepping.observe(
-                np, machine, data.qpos, data.qvel, force, _velocities(model, data), force, dt, data.qfrc_bias
-            )
+                np, machine, data.qpos, data.qvel, force, _velocities(model, data), force, dt, data.qfrc_bias,
+                partial(free_inertia, model, data.qLD),
+            )  # fmt: skip
             start = stepping.force_start(np, machine, step) if memory is None else memory
             applied, kept = stepping.force_step(np, machine, step, start)
             model.dof_frictionloss[:] = applied.dry

@@ -104,6 +104,10 @@ class CorrectedEngine:
             arm = data.xipos[body] - data.subtree_com[root]
             return data.cvel[body, 3:] + jnp.cross(data.cvel[body, :3], arm)
 
+        def inertia(dof: int) -> jax.Array:
+            unit = jnp.zeros(self.model.nv, data.qpos.dtype).at[dof].set(1.0)
+            return 1.0 / jnp.linalg.solve(mjx.full_m(self.mjx_model, data), unit)[dof]
+
         return stepping.observe(
             jnp,
             self.machine,
@@ -114,6 +118,7 @@ class CorrectedEngine:
             data.actuator_force,
             self._dt,
             data.qfrc_bias,
+            inertia,
         )
 
     def _wrap(

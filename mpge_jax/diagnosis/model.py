@@ -231,6 +231,22 @@ def actuators_of_joint(model: mujoco.MjModel, joint: int) -> list[int]:
     ]
 
 
+def free_inertia(model: mujoco.MjModel, factor: np.ndarray, dof: int) -> np.ndarray:
+    """Inertia [...] with which a joint resists a torque while all others are free: the inverse of the diagonal element
+    of the inverse mass matrix.
+
+    Args:
+        factor: [..., nC] `MjData.qLD`, the factors L (unit diagonal, left out) and D of the mass matrix L^T D L.
+    """
+    start, count, columns = model.M_rowadr, model.M_rownnz, model.M_colind
+    index = {(i, int(columns[k])): k for i in range(model.nv) for k in range(start[i], start[i] + count[i])}
+    # L^T x = e, which is other than 0 at the ancestors only
+    x: dict[int, Any] = {dof: 1.0}
+    for j in columns[start[dof] : start[dof] + count[dof] - 1][::-1]:
+        x[int(j)] = -sum(factor[..., index[i, int(j)]] * x_i for i, x_i in x.items())
+    return 1.0 / sum(x_i**2 / factor[..., index[i, i]] for i, x_i in x.items())
+
+
 def rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
     """Inertia of what turns with the motors of a scalar joint, as felt at the joint: its own armature and theirs."""
     geared = [

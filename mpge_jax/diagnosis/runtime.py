@@ -12,7 +12,7 @@ from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.effects.base import Context, Forces, Step
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import TAKEN, clipped, has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.model import TAKEN, clipped, free_inertia, has_plain_law, is_joint_transmission
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
@@ -48,6 +48,7 @@ class Runtime:
             self.cvel, self.xipos, self.com = (batch.bind(k) for k in ("cvel", "xipos", "subtree_com"))
         self.loaded = any(g.term.effect.external for g in groups)
         self.loads = batch.bind("qfrc_bias") if self.loaded else np.zeros((0, 0))
+        self.factor = batch.bind("qLD") if any(g.term.effect.inertial for g in groups) else None
         self.gain = _expanded(batch, m, "actuator_gainprm")
         self.bias = _expanded(batch, m, "actuator_biasprm")
         self.range = _expanded(batch, m, "actuator_forcerange").copy()
@@ -98,13 +99,24 @@ class Runtime:
         def external(dof: int) -> Array:
             return of(self._external(dof))
 
-        return Step(q, v, u, f, free, low, high, stiffness, damping, velocity, self.dt, external, engine)
+        def inertia(dof: int) -> Array:
+            return of(self._inertia(dof))
+
+        return Step(
+            q, v, u, f, free, low, high, stiffness, damping, velocity, self.dt, external, engine, inertia
+        )
 
     def _external(self, dof: int) -> Array:
         """Torque of gravity and of the other links' motion on a joint, one substep behind."""
         if not self.loaded:
             raise ValueError("an effect whose `force` reads `Step.external` must set `external = True`.")
         return -self.loads[:, dof]
+
+    def _inertia(self, dof: int) -> Array:
+        """Inertia with which a joint resists a torque, one substep behind."""
+        if self.factor is None:
+            raise ValueError("an effect whose `force` reads `Step.inertia` must set `inertial = True`.")
+        return free_inertia(self.model, self.factor, dof)
 
     def _body_velocity(self, body: int) -> Array:
         """World velocity of the centre of mass, one substep behind."""
@@ -119,7 +131,7 @@ class Runtime:
             window: [n] of each simulation. moved: [n, nv] change of the start's velocity. commanded: gives the commands
                 [n, nu] of a step, negative before the start.
         """
-        if self.bodies or self.loaded or self.last_force is not None:
+        if self.bodies or self.loaded or self.factor is not None or self.last_force is not None:
             self.batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_ACC))
         s = self._step()
         for g in self.groups:
@@ -170,8 +182,8 @@ class Runtime:
                 forces, _ = drive.force(np, self.ctx, *at_drive, part, remembered)
                 self._pass_on(s, other, mine, forces)
             known = (k >= count - steps) & (ago[each, at] > w.dt * (count - k) - 1e-9)
-            rest = effect.memory(np, self.ctx, place, g.theta, s)
-            memory = _either(followed, memory, rest)
+            if not followed.all():
+                memory = _either(followed, memory, effect.memory(np, self.ctx, place, g.theta, s))
             _, after = effect.force(np, self.ctx, place, g.theta, s, memory)
             memory, followed = _either(known, after, memory), followed | known
         return _either(followed, memory, g.memory)
@@ -237,6 +249,7 @@ def _rows(s: Step, rows: Array) -> Step:
         s.dt,
         lambda dof: s.external(dof)[rows],
         None if s.engine is None else s.engine[rows],
+        lambda dof: s.inertia(dof)[rows],
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -110,6 +111,7 @@ def observe(
     last_force: Array,
     dt: float,
     bias_force: Array,
+    inertia: Callable[[int], Array],
 ) -> Step:
     """What the equations may read, for one machine."""
     model = m.model
@@ -136,7 +138,9 @@ def observe(
     def external(dof: int) -> Array:
         return -bias_force[dof]
 
-    return Step(q, v, ctrl, f, free, low, high, stiffness, damping, body_velocity, dt, external, engine)
+    return Step(
+        q, v, ctrl, f, free, low, high, stiffness, damping, body_velocity, dt, external, engine, inertia
+    )
 
 
 def force_start(xp: Any, m: Machine, s: Step) -> tuple[Any, ...]:

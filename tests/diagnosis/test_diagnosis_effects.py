@@ -23,7 +23,7 @@ VALUES = {
     "viscous_damping": [0.08], "coulomb_friction": [0.05], "stribeck_friction": [0.03, 0.04, 0.4],
     "load_dependent_friction": [0.02, 0.1], "asymmetric_friction": [0.03, 0.06, 0.02, 0.05],
     "quadratic_drag": [0.05], "joint_stiffness": [0.6, 0.1], "cogging_torque": [0.05, 0.03, 7.0],
-    "backlash": [0.05], "joint_flexibility": [30.0, 0.05], "armature": [0.01], "actuator_gain": [0.7],
+    "backlash": [0.05, 0.3], "joint_flexibility": [30.0, 0.05], "armature": [0.01], "actuator_gain": [0.7],
     "dead_actuator": [], "actuator_bias": [0.2], "torque_saturation": [0.3], "actuator_deadzone": [0.1],
     "actuator_delay": [0.011], "actuator_lag": [0.03], "back_emf": [0.05],
     "payload_mass": [0.2, 0.02, 0.01, -0.3], "mass_scale": [1.3], "com_offset": [0.02, 0.0, 0.03],

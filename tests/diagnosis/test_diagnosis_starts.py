@@ -259,8 +259,8 @@ def test_a_gap_is_crossed_before_a_window_starts(elastic):
     """A motor that was pushed to the other side of its gap starts there."""
     ctx, w = elastic.sim.ctx, elastic.train
     backlash = REGISTRY["backlash"]
-    np.testing.assert_array_equal(backlash.remembers(ctx, HINGE, np.array([[0.05], [0.1]])), 0.25)
-    h, theta = Hypothesis.of(Term("backlash", HINGE)), np.array([0.05])
+    np.testing.assert_array_equal(backlash.remembers(ctx, HINGE, np.array([[0.05, 0.2], [0.1, 0.2]])), 0.25)
+    h, theta = Hypothesis.of(Term("backlash", HINGE)), np.array([0.05, 0.2])
     followed = elastic.sim.residuals([Run(h, theta)], w)[0]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(type(backlash), "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))

@@ -77,6 +77,8 @@ class Effect:
     """Whether `force` must be called each step."""
     external = False
     """Whether `force` reads `Step.external`."""
+    inertial = False
+    """Whether `force` reads `Step.inertia`."""
     commands = False
     """Whether it changes the command (`command`)."""
     jagged = False

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.model import TAKEN, actuators_of_joint, has_plain_law, rotor_inertia
+
+SUBSTEPS = 4
+"""Steps of the motor in one of the engine."""
+BOUNCE = 0.2
+"""Restitution at the ends of a gap where nothing is known of it."""
 
 
 @register
@@ -29,12 +35,41 @@ class Armature(Effect):
         f.add("dof_armature", (ctx.dof(place),), theta[..., 0])
 
 
+class _Motors:
+    """The actuators of a joint at one step.
+
+    Attributes:
+        direct: [...] what the engine's actuators do to the link, in place of which the motor acts.
+    """
+
+    def __init__(self, ctx: Context, place: Place, s: Step) -> None:
+        applied = s.f if s.engine is None else s.engine
+        self.direct: Array = 0.0
+        self._each = []
+        for a in actuators_of_joint(ctx.model, place.index):
+            gear = float(ctx.model.actuator_gear[a, 0])
+            self.direct = self.direct + gear * applied[..., a]
+            slopes = gear * s.f_position[..., a], gear * s.f_velocity[..., a]
+            self._each.append((gear, s.f_free[..., a], slopes, s.force_low[..., a], s.force_high[..., a]))
+
+    def torque(self, xp: Any, ahead: Array, slip: Array) -> tuple[Array, Array, Array]:
+        """Their torque where they are ahead of the observed link, in angle and speed, and by how much it falls with
+        either."""
+        total, hold, brake = 0.0 * ahead, 0.0 * ahead, 0.0 * ahead
+        for gear, force, (by_angle, by_speed), low, high in self._each:
+            free = force + by_angle * ahead + by_speed * slip
+            f = xp.clip(free, low, high)
+            follows = xp.where(free == f, gear, 0.0)
+            total, hold, brake = total + gear * f, hold - follows * by_angle, brake - follows * by_speed
+        return total, hold, brake
+
+
 class Drive(Effect):
     """Motor and link as two bodies: the nominal armature is the motor, the recorded angle the link's.
 
-    The motor's state (angle, speed) is the effect's memory, stepped implicitly; the link feels the coupling
-    torque in place of the actuator's. A servo follows the motor: its gain on speed is taken from the engine, whose
-    implicit steps would let it hold the link.
+    The motor's state (angle, speed) is the effect's memory; the link feels the torque between the two in place of the
+    actuator's. A servo follows the motor: its gain on speed is taken from the engine, whose implicit steps would let it
+    hold the link.
     """
 
     kinds, tier, runtime, order = ("joint",), 3, True, 6
@@ -55,12 +90,6 @@ class Drive(Effect):
                 f.set("actuator_biasprm", (a, TAKEN), f.get("actuator_biasprm", (a, 2)))
                 f.set("actuator_biasprm", (a, 2), 0.0)
 
-    def coupling(
-        self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array
-    ) -> tuple[Array, Array, Array]:
-        """(spring torque, its slope, damping) at a twist of motor against link."""
-        raise NotImplementedError
-
     def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array, hold: Array) -> Array:
         """Twist that carries a torque, which falls with the twist as a servo's does (`hold`: by how much)."""
         raise NotImplementedError
@@ -74,56 +103,10 @@ class Drive(Effect):
         known = all(has_plain_law(ctx.model, a) for a in actuators_of_joint(ctx.model, place.index))
         return self.fades(ctx, place, theta) if known else np.zeros(len(theta))
 
-    def _torque(
-        self, xp: Any, ctx: Context, place: Place, s: Step, ahead: Array, slip: Array
-    ) -> tuple[Array, Array, Array]:
-        """The motors' torque where they are ahead of the observed link, in angle and speed, and by how much it falls
-        with either."""
-        total, hold, brake = 0.0 * ahead, 0.0 * ahead, 0.0 * ahead
-        for a in actuators_of_joint(ctx.model, place.index):
-            g = float(ctx.model.actuator_gear[a, 0])
-            by_angle, by_speed = g * s.f_position[..., a], g * s.f_velocity[..., a]
-            free = s.f_free[..., a] + by_angle * ahead + by_speed * slip
-            f = xp.clip(free, s.force_low[..., a], s.force_high[..., a])
-            follows = xp.where(free == f, 1.0, 0.0)
-            total, hold, brake = total + g * f, hold - g * follows * by_angle, brake - g * follows * by_speed
-        return total, hold, brake
-
     def memory(self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step) -> Any:
         q, v = s.q[..., ctx.qadr(place)], s.v[..., ctx.dof(place)]
-        torque, hold, _ = self._torque(xp, ctx, place, s, 0 * q, 0 * q)
+        torque, hold, _ = _Motors(ctx, place, s).torque(xp, 0 * q, 0 * q)
         return q + self.rest(xp, ctx, place, theta, torque, xp.maximum(hold, 0.0)), v
-
-    def force(
-        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
-    ) -> tuple[Forces, Any]:
-        dof = ctx.dof(place)
-        inertia = rotor_inertia(ctx.model, place.index)
-        q, v = s.q[..., ctx.qadr(place)], s.v[..., dof]
-        angle, speed = memory
-        sub = 4
-        h = s.dt / sub
-        impulse = 0.0
-        for i in range(sub):
-            twist, slip = angle - (q + v * (i * h)), speed - v
-            torque, hold, brake = self._torque(xp, ctx, place, s, angle - q, slip)
-            spring, slope, damping = self.coupling(xp, ctx, place, theta, twist)
-            passed = spring + damping * slip
-            # linearly implicit in the motor's speed
-            accel = (torque - passed - slope * h * slip - hold * h * speed) / (
-                inertia + h * (damping + brake) + h * h * (slope + hold)
-            )
-            speed_next = speed + h * accel
-            transmitted = passed + slope * h * (speed_next - v) + damping * (speed_next - speed)
-            angle = angle + h * speed_next
-            speed = speed_next
-            impulse = impulse + transmitted / sub
-        applied = s.f if s.engine is None else s.engine
-        direct = sum(
-            float(ctx.model.actuator_gear[a, 0]) * applied[..., a]
-            for a in actuators_of_joint(ctx.model, place.index)
-        )
-        return Forces(joint=impulse - direct), (angle, speed)
 
 
 @register
@@ -165,10 +148,30 @@ class JointFlexibility(Drive):
         stiffness, damping = np.maximum(theta, 1e-12).T
         return np.maximum(6.0 * inertia / damping, 3.0 * damping / stiffness)
 
-    def coupling(
-        self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array
-    ) -> tuple[Array, Array, Array]:
-        return theta[..., 0] * twist, theta[..., 0], theta[..., 1]
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        inertia = rotor_inertia(ctx.model, place.index)
+        stiffness, damping = theta[..., 0], theta[..., 1]
+        q, v = s.q[..., ctx.qadr(place)], s.v[..., ctx.dof(place)]
+        angle, speed = memory
+        motors = _Motors(ctx, place, s)
+        h = s.dt / SUBSTEPS
+        impulse = 0.0
+        for i in range(SUBSTEPS):
+            slip = speed - v
+            torque, hold, brake = motors.torque(xp, angle - q, slip)
+            passed = stiffness * (angle - (q + v * (i * h))) + damping * slip
+            # linearly implicit in the motor's speed
+            accel = (torque - passed - stiffness * h * slip - hold * h * speed) / (
+                inertia + h * (damping + brake) + h * h * (stiffness + hold)
+            )
+            speed_next = speed + h * accel
+            transmitted = passed + stiffness * h * (speed_next - v) + damping * (speed_next - speed)
+            angle = angle + h * speed_next
+            speed = speed_next
+            impulse = impulse + transmitted / SUBSTEPS
+        return Forces(joint=impulse - motors.direct), (angle, speed)
 
     def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array, hold: Array) -> Array:
         return torque / (theta[..., 0] + hold)
@@ -176,39 +179,87 @@ class JointFlexibility(Drive):
 
 @register
 class Backlash(Drive):
+    """The motor moves freely in the gap and bounces off the link at its ends.
+
+    How much it bounces decides how long it takes to come to rest, and differs between gears: it is fitted with the
+    gap.
+    """
+
     id = "backlash"
-    equation = "motor and link joined through a gap of free travel"
+    equation = "motor and link joined through a gap of free travel, at whose ends they bounce"
     says = "The drive of the {at} has a free travel (backlash) of {gap}."
-    tries = (0.5, 2.0)
     remedy = "slow reversals with and without a load that holds the gap closed"
+    inertial = True
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         travel = max(float(ctx.travel[ctx.dof(place)]), 1e-2)
-        return (Param("gap", joint_unit(ctx, place, "rad", "m"), 0.0, travel, 0.02 * travel),)
+        return (
+            Param("gap", joint_unit(ctx, place, "rad", "m"), 0.0, travel, 0.02 * travel),
+            Param("restitution", "1", 0.0, 0.9, 0.1, prior=0.3),
+        )
+
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        gap = self.params(ctx, place)[0].scale
+        return np.array([[0.5 * gap, BOUNCE], [2.0 * gap, BOUNCE]])
+
+    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
+        """A gap alone is enough."""
+        return super().from_report(ctx, place, {"restitution": BOUNCE, **values})
 
     def fades(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         """Long enough to cross the gap and come to rest in it."""
         return np.full(len(theta), 0.25)
 
-    def _stiffness(self, ctx: Context, place: Place) -> tuple[float, float]:
-        """Contact as stiff as the timestep allows for the motor's inertia, near-critically damped."""
-        inertia = rotor_inertia(ctx.model, place.index)
-        rate = 0.25 / float(ctx.model.opt.timestep)
-        return inertia * rate**2, 1.4 * inertia * rate
-
-    def coupling(
-        self, xp: Any, ctx: Context, place: Place, theta: Array, twist: Array
-    ) -> tuple[Array, Array, Array]:
-        k, d = self._stiffness(ctx, place)
-        half = 0.5 * theta[..., 0]
-        past = xp.sign(twist) * xp.maximum(xp.abs(twist) - half, 0.0)
-        touching = xp.where(xp.abs(twist) > half, 1.0, 0.0)
-        return k * past, k * touching, d * touching
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        motor, link = rotor_inertia(ctx.model, place.index), s.inertia(ctx.dof(place))
+        q, v = s.q[..., ctx.qadr(place)], s.v[..., ctx.dof(place)]
+        angle, speed = memory
+        motors = _Motors(ctx, place, s)
+        h = s.dt / SUBSTEPS
+        # a spring and damper between the two, as stiff as the steps allow
+        rate, reduced = 0.25 / h, motor * link / (motor + link)
+        stiffness = reduced * rate**2
+        damping = 2.0 * damping_ratio(xp, theta[..., 1]) * reduced * rate
+        link_angle, link_speed, impulse = q, v, 0.0
+        for _ in range(SUBSTEPS):
+            twist = angle - link_angle
+            side = xp.sign(twist)
+            depth = side * twist - 0.5 * theta[..., 0]
+            pushed = stiffness * depth + damping * side * (speed - link_speed)
+            passed = xp.where(depth > 0.0, side * xp.maximum(pushed, 0.0), 0.0)
+            torque, hold, brake = motors.torque(xp, angle - q, speed - v)
+            # linearly implicit in what a servo does as the motor moves on
+            speed = speed + h * (torque - passed - hold * h * speed) / (motor + h * brake + h * h * hold)
+            link_speed = link_speed + h * passed / link
+            angle, link_angle = angle + h * speed, link_angle + h * link_speed
+            impulse = impulse + passed / SUBSTEPS
+        # the engine moves the link by its last speed, or the mean: the two are to stay as far apart as they were found
+        halves = ctx.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        angle = angle + q + s.dt * (0.5 * (v + link_speed) if halves else link_speed) - link_angle
+        return Forces(joint=impulse - motors.direct), (angle, speed)
 
     def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array, hold: Array) -> Array:
         # a servo may hold the motor inside the gap
         half, side = 0.5 * theta[..., 0], xp.sign(torque)
-        past = torque - side * hold * half
         inside = torque / xp.maximum(hold, 1e-12)
-        beyond = side * half + past / (self._stiffness(ctx, place)[0] + hold)
-        return xp.where(xp.abs(torque) < hold * half, inside, beyond)
+        return xp.where(xp.abs(torque) < hold * half, inside, side * half)
+
+
+def restitution_of(ratio: np.ndarray) -> np.ndarray:
+    """Share of its speed with which a mass bounces off a spring and damper of that damping ratio, which do not hold it
+    back: it leaves where the force is 0 (Schwager and Poeschel, 2007)."""
+    root = np.sqrt(np.maximum(np.abs(1.0 - ratio**2), 1e-12))
+    phase = np.where(ratio < 1.0, np.arccos(np.minimum(ratio, 1.0)), np.arccosh(np.maximum(ratio, 1.0)))
+    exponent = np.where(ratio == 1.0, 2.0, 2.0 * ratio * phase / root)
+    return np.exp(-exponent)
+
+
+_RATIOS = np.linspace(2.0, 0.0, 401)
+_RESTITUTIONS = restitution_of(_RATIOS)
+
+
+def damping_ratio(xp: Any, restitution: Array) -> Array:
+    """Inverse of `restitution_of`, from a table; below 0.05 as there."""
+    return xp.interp(restitution, _RESTITUTIONS, _RATIOS)

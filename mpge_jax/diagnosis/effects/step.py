@@ -28,6 +28,7 @@ class Step:
         body_velocity: callable body -> [..., 3] world velocity of the body's centre of mass.
         engine: [..., nu] f without what effects compute in the engine's place (None: all of it).
         dt: s. external: callable dof -> [...] torque of gravity and of the other links' motion on that joint.
+        inertia: callable dof -> [...] with which that joint resists a torque, all others being free.
     """
 
     q: Array
@@ -43,6 +44,7 @@ class Step:
     dt: float
     external: Callable[[int], Array] = _nothing
     engine: Array | None = None
+    inertia: Callable[[int], Array] = _nothing
 
     def after(self, xp: Any, actuator: int, more: Forces, joint: bool) -> Step:
         """The same for effects further down the drive train, with `more` force of an actuator (of a `joint`: added to
