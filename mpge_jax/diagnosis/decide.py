@@ -42,7 +42,7 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
     """Search, once more in longer windows if that finds nothing, refine, and keep only what helps."""
     c = p.config
     f, rivals = _settle(s, *search(s))
-    if f.theta.size and p.ctx.contacts:
+    if f.theta.size and _rugged(p, f):
         say("refining parameters")
         f = with_timestep_error(s, polished(s.sim, f, s.train, s.whiten(f)[0], s.seed), s.train)
     noise, left = _left(p, s, f)
@@ -50,7 +50,7 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
         f, rivals = _look_again(p, s, say)
         noise, left = _left(p, s, f) if f.hypothesis.terms else (noise, left)
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
-    if f.theta.size and left is None and c.report_s > c.decide_s and not p.ctx.contacts:
+    if f.theta.size and left is None and c.report_s > c.decide_s and not _rugged(p, f):
         say("refining parameters")
         f = refined(s, f, p.windows(False, c.report_s, REFINED))
     held = fit_report(p, f, held=True)
@@ -77,6 +77,11 @@ def _look_again(p: Prepared, s: Search, say: Callable[[str], None]) -> tuple[Fit
     found = _settle(longer, *search(longer))
     s.log += longer.log
     return found
+
+
+def _rugged(p: Prepared, f: Fitted) -> bool:
+    """Whether things strike each other, inside the drives or out, which makes the loss rugged."""
+    return bool(p.ctx.contacts) or any(t.effect.rugged for t in f.hypothesis.terms)
 
 
 def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term, list[Rival]]]:

@@ -1,7 +1,8 @@
-"""The last of a fit through contacts: a search without slopes, and deviations that do not rest on them.
+"""The last of a fit through impacts: a search without slopes, and deviations that do not rest on them.
 
-Where feet strike and slip, the loss is rugged: over the step of a finite difference a single impact may come or go, and
-its slope says nothing of where the optimum lies, and holds all the information that there seems to be.
+Where feet strike and slip, or motors the ends of a gap, the loss is rugged: over the step of a finite difference a
+single impact may come or go, and its slope says nothing of where the optimum lies, and holds all the information that
+there seems to be.
 """
 
 from __future__ import annotations

@@ -84,6 +84,8 @@ class Effect:
     jagged = False
     """Whether predictions jump with the parameters (contacts), or have kinks, so that the fit must also try without
     slopes."""
+    rugged = False
+    """Whether parts strike each other, so that slopes say little of where the best parameters lie."""
     senses = False
     """Whether it changes the measurement (`sense`)."""
     fields: tuple[str, ...] = ()

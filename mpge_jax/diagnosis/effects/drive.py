@@ -189,7 +189,7 @@ class Backlash(Drive):
     equation = "motor and link joined through a gap of free travel, at whose ends they bounce"
     says = "The drive of the {at} has a free travel (backlash) of {gap}."
     remedy = "slow reversals with and without a load that holds the gap closed"
-    inertial = True
+    inertial = rugged = True
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         travel = max(float(ctx.travel[ctx.dof(place)]), 1e-2)
@@ -201,6 +201,12 @@ class Backlash(Drive):
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         gap = self.params(ctx, place)[0].scale
         return np.array([[0.5 * gap, BOUNCE], [2.0 * gap, BOUNCE]])
+
+    def detours(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        """After a few bounces the motor may be anywhere: the fit is rough in both."""
+        gap, restitution = theta
+        others = [[k * gap, restitution] for k in (0.85, 0.95, 1.05, 1.15)]
+        return np.array([*others, *([k * gap, e] for k in (0.9, 1.0, 1.1) for e in (0.05, 0.2, 0.35, 0.5))])
 
     def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
         """A gap alone is enough."""
