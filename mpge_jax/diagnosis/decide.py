@@ -81,7 +81,7 @@ def _look_again(p: Prepared, s: Search, say: Callable[[str], None]) -> tuple[Fit
 
 def _rugged(p: Prepared, f: Fitted) -> bool:
     """Whether things strike each other, inside the drives or out, which makes the loss rugged."""
-    return bool(p.ctx.contacts) or any(t.effect.rugged for t in f.hypothesis.terms)
+    return bool(p.ctx.contacts) or f.hypothesis.rugged
 
 
 def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term, list[Rival]]]:

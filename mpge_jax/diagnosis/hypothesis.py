@@ -46,6 +46,11 @@ class Hypothesis:
             tuple(sorted(terms, key=lambda t: (t.effect.order, t.id, t.place.kind, t.place.index)))
         )
 
+    @property
+    def rugged(self) -> bool:
+        """Whether parts of its drives strike each other."""
+        return any(t.effect.rugged for t in self.terms)
+
     def params(self, ctx: Context) -> list[Param]:
         return [p for t in self.terms for p in t.params(ctx)]
 
