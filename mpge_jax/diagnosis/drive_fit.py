@@ -22,7 +22,7 @@ Array = np.ndarray
 BLOCK_S = 0.25
 MAX_EFFECTS = 3
 DETAIL, FEW = 0.02, 5
-"""Share of an actuator's largest forces by which an effect must change so many: less is a matter of when within a
+"""Share of an actuator's largest forces by which an effect changes so many: less may be a matter of when within a
 timestep a force was measured."""
 FAST = 0.3
 """Time constant, in steps of the grid, below which a lag cannot be told from a delay."""
@@ -214,6 +214,16 @@ def _tier(f: Fitted) -> int:
     return sum(t.effect.tier for t in f.hypothesis.terms)
 
 
+def _is_detail(change: Array, logs: list[Log], largest: float, timestep: float) -> bool:
+    """Whether changes [T] of the forces may be a matter of when within a timestep these were measured: nowhere large,
+    and mostly no more than the forces themselves change in two timesteps."""
+    rates = np.concatenate([np.abs(np.diff(log.force) / np.diff(log.time)) for log in logs])
+    return bool(
+        np.sort(change)[-FEW:][0] < DETAIL * largest
+        and np.median(change) <= 2.0 * timestep * np.median(rates)
+    )
+
+
 def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: list[str]) -> Fitted:
     a = place.index
     current = NOTHING
@@ -265,7 +275,7 @@ def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: 
             if not (strong(gain, worse - better) or rare(worse, better, fitted=first.size)):
                 return current
         old, new = (residual(model, ctx, f, a, d.held, d) for f in (current, chosen))
-        if float(np.sort(np.abs(new - old))[-FEW:][0]) * d.sigma < DETAIL * ctx.drive[a]:
+        if _is_detail(np.abs(new - old) * d.sigma, d.held, float(ctx.drive[a]), float(model.opt.timestep)):
             return current
         current = chosen
     return current
