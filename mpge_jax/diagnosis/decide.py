@@ -42,15 +42,12 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
     """Search, once more in longer windows if that finds nothing, refine, and keep only what helps."""
     c = p.config
     f, rivals = _settle(s, *search(s))
-    if f.theta.size and _rugged(p, f):
-        say("refining parameters")
-        f = with_timestep_error(s, polished(s.sim, f, s.train, s.whiten(f)[0], s.seed), s.train)
     noise, left = _left(p, s, f)
     if not f.hypothesis.terms and left is None:
         f, rivals = _look_again(p, s, say)
         noise, left = _left(p, s, f) if f.hypothesis.terms else (noise, left)
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
-    if f.theta.size and left is None and c.report_s > c.decide_s and not _rugged(p, f):
+    if f.theta.size and left is None and c.report_s > c.decide_s and not _rugged(s, f):
         say("refining parameters")
         f = refined(s, f, p.windows(False, c.report_s, REFINED))
     held = fit_report(p, f, held=True)
@@ -79,9 +76,9 @@ def _look_again(p: Prepared, s: Search, say: Callable[[str], None]) -> tuple[Fit
     return found
 
 
-def _rugged(p: Prepared, f: Fitted) -> bool:
+def _rugged(s: Search, f: Fitted) -> bool:
     """Whether things strike each other, inside the drives or out, which makes the loss rugged."""
-    return bool(p.ctx.contacts) or f.hypothesis.rugged
+    return bool(s.sim.ctx.contacts) or f.hypothesis.rugged
 
 
 def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term, list[Rival]]]:
@@ -97,4 +94,7 @@ def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term
         s.log.append(f"exchanged: {f.hypothesis} -> {better.fit.hypothesis}")
         s.resume = better.fit
         f, last = search(s)
+    if f.theta.size and _rugged(s, f):
+        s.say("refining parameters")
+        f = with_timestep_error(s, polished(s.sim, f, s.train, s.whiten(f)[0], s.seed), s.train)
     return f, rivals

@@ -24,6 +24,8 @@ MAX_EFFECTS = 3
 DETAIL, FEW = 0.02, 5
 """Share of an actuator's largest forces by which an effect changes so many: less may be a matter of when within a
 timestep a force was measured."""
+SLIGHT = 0.005
+"""The same share of what an effect mostly changes: less nobody can use."""
 FAST = 0.3
 """Time constant, in steps of the grid, below which a lag cannot be told from a delay."""
 NEAR = 1e-6
@@ -215,13 +217,11 @@ def _tier(f: Fitted) -> int:
 
 
 def _is_detail(change: Array, logs: list[Log], largest: float, timestep: float) -> bool:
-    """Whether changes [T] of the forces may be a matter of when within a timestep these were measured: nowhere large,
-    and mostly no more than the forces themselves change in two timesteps."""
+    """Whether changes [T] of the forces are slight, or may be a matter of when within a timestep these were measured:
+    nowhere large, and mostly no more than the forces themselves change in two timesteps."""
     rates = np.concatenate([np.abs(np.diff(log.force) / np.diff(log.time)) for log in logs])
-    return bool(
-        np.sort(change)[-FEW:][0] < DETAIL * largest
-        and np.median(change) <= 2.0 * timestep * np.median(rates)
-    )
+    slight = max(SLIGHT * largest, 2.0 * timestep * float(np.median(rates)))
+    return bool(np.sort(change)[-FEW:][0] < DETAIL * largest and np.median(change) <= slight)
 
 
 def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: list[str]) -> Fitted:

@@ -238,13 +238,16 @@ def free_inertia(model: mujoco.MjModel, factor: np.ndarray, dof: int) -> np.ndar
     Args:
         factor: [..., nC] `MjData.qLD`, the factors L (unit diagonal, left out) and D of the mass matrix L^T D L.
     """
-    start, count, columns = model.M_rowadr, model.M_rownnz, model.M_colind
-    index = {(i, int(columns[k])): k for i in range(model.nv) for k in range(start[i], start[i] + count[i])}
-    # L^T x = e, which is other than 0 at the ancestors only
-    x: dict[int, Any] = {dof: 1.0}
-    for j in columns[start[dof] : start[dof] + count[dof] - 1][::-1]:
-        x[int(j)] = -sum(factor[..., index[i, int(j)]] * x_i for i, x_i in x.items())
-    return 1.0 / sum(x_i**2 / factor[..., index[i, i]] for i, x_i in x.items())
+    start = model.M_rowadr
+    # a row of the factors holds a joint's ancestors from the root on, and itself
+    chain = model.M_colind[start[dof] : start[dof] + model.M_rownnz[dof]].tolist()
+    # L^T x = e, which is other than 0 along the chain only
+    x: list[Any] = [1.0]
+    for j in range(len(chain) - 2, -1, -1):
+        x.insert(0, -sum(factor[..., start[i] + j] * x_i for i, x_i in zip(chain[j + 1 :], x, strict=True)))
+    return 1.0 / sum(
+        x_i**2 / factor[..., start[i] + k] for k, (i, x_i) in enumerate(zip(chain, x, strict=True))
+    )
 
 
 def rotor_inertia(model: mujoco.MjModel, joint: int) -> float:

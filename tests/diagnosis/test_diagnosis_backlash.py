@@ -19,10 +19,15 @@ PULSE, STEPS = 0.5, 10
 
 
 def _machine(
-    rotor: float, gap: float, restitution: float, timestep: float = 1e-3, integrator: str = "Euler"
+    rotor: float,
+    gap: float,
+    restitution: float,
+    timestep: float = 1e-3,
+    integrator: str = "Euler",
+    joint: str = "",
 ) -> CorrectedModel:
     xml = f"""<mujoco><option gravity="0 0 0" timestep="{timestep}" integrator="{integrator}"/>
-    <worldbody><body name="arm"><joint name="hinge" axis="0 1 0" armature="{rotor}"/>{LINK}</body></worldbody>
+    <worldbody><body name="arm"><joint name="hinge" axis="0 1 0" armature="{rotor}" {joint}/>{LINK}</body></worldbody>
     <actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
     entry = {"id": "backlash", "at": "hinge", "kind": "joint"}
     entry["parameters"] = {"gap": gap, "restitution": restitution}
@@ -50,6 +55,23 @@ def test_a_motor_bounces_off_the_link_with_its_restitution(heavy, restitution):
     stepper.step(np.zeros(1), struck)
     expected = (1.0 + restitution) * speed * motor / (motor + link)
     assert stepper.data.qvel[0] == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
+@pytest.mark.parametrize("restitution", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("rotor", [0.015, 0.15, 0.5])
+def test_a_motor_rests_against_a_link_that_is_held(rotor, restitution, integrator):
+    """A joint limit holds the link, of 0.015 kg m^2, against 2 N m: all of them pass, and the motor is still."""
+    held = 'limited="true" range="-0.001 0.001" damping="0.01"'
+    stepper = _machine(rotor, 0.02, restitution, 1e-3, integrator, held).c_stepper()
+    stepper.reset(np.zeros(1), np.zeros(1))
+    stepper.step(np.array([2.0]), 4000)
+    passed = []
+    for _ in range(200):
+        stepper.step(np.array([2.0]))
+        passed.append(float(stepper.data.qfrc_applied[0]) + 2.0)
+    assert np.mean(passed) == pytest.approx(2.0, abs=0.05) and np.std(passed) < 0.05
+    assert abs(stepper._forces[0][1]) < 0.03
 
 
 def test_steps_of_the_engine_do_not_decide_the_bounce():

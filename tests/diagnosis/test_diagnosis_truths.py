@@ -95,9 +95,9 @@ def test_behind_a_servo_the_motor_rests_where_spring_or_gap_and_servo_agree():
     spring, gap = REGISTRY["joint_flexibility"], REGISTRY["backlash"]
     angle, _ = spring.memory(np, ctx, place, np.array([[20.0, 0.1]]), s)
     np.testing.assert_allclose(angle - 0.2, 3.0 / (20.0 + 30.0))
-    angle, _ = gap.memory(np, ctx, place, np.array([[1.0, 0.2]]), s)
+    angle, *_ = gap.memory(np, ctx, place, np.array([[1.0, 0.2]]), s)
     np.testing.assert_allclose(angle - 0.2, 3.0 / 30.0)
-    angle, _ = gap.memory(np, ctx, place, np.array([[0.02, 0.2]]), s)
+    angle, *_ = gap.memory(np, ctx, place, np.array([[0.02, 0.2]]), s)
     np.testing.assert_allclose(angle - 0.2, 0.01)
 
 

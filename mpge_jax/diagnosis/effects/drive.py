@@ -16,6 +16,8 @@ SUBSTEPS = 4
 """Steps of the motor in one of the engine."""
 BOUNCE = 0.2
 """Restitution at the ends of a gap where nothing is known of it."""
+LEAST = 0.05
+"""Least restitution: that of twice the critical damping."""
 
 
 @register
@@ -195,7 +197,7 @@ class Backlash(Drive):
         travel = max(float(ctx.travel[ctx.dof(place)]), 1e-2)
         return (
             Param("gap", joint_unit(ctx, place, "rad", "m"), 0.0, travel, 0.02 * travel),
-            Param("restitution", "1", 0.0, 0.9, 0.1, prior=0.3),
+            Param("restitution", "1", LEAST, 0.9, 0.1, prior=0.3),
         )
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
@@ -216,12 +218,22 @@ class Backlash(Drive):
         """Long enough to cross the gap and come to rest in it."""
         return np.full(len(theta), 0.25)
 
+    def memory(self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step) -> Any:
+        """The motor's angle and speed; by how much the contact was to change the link's speed in the last step, how
+        much farther than here the engine then moves it, and its speed before.
+        """
+        angle, speed = super().memory(xp, ctx, place, theta, s)
+        return angle, speed, 0.0 * angle, 0.0 * angle, speed + 0.0
+
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
         motor, link = rotor_inertia(ctx.model, place.index), s.inertia(ctx.dof(place))
         q, v = s.q[..., ctx.qadr(place)], s.v[..., ctx.dof(place)]
-        angle, speed = memory
+        angle, speed, change, farther, before = memory
+        # a link that something else holds, or that others push, does not do what the contact alone would have it do
+        obeyed = xp.where(change != 0.0, (v - before) / xp.where(change != 0.0, change, 1.0), 0.0)
+        angle = angle + xp.clip(obeyed, 0.0, 1.0) * farther
         motors = _Motors(ctx, place, s)
         h = s.dt / SUBSTEPS
         # a spring and damper between the two, as stiff as the steps allow
@@ -243,8 +255,8 @@ class Backlash(Drive):
             impulse = impulse + passed / SUBSTEPS
         # the engine moves the link by its last speed, or the mean: the two are to stay as far apart as they were found
         halves = ctx.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        angle = angle + q + s.dt * (0.5 * (v + link_speed) if halves else link_speed) - link_angle
-        return Forces(joint=impulse - motors.direct), (angle, speed)
+        farther = q + s.dt * (0.5 * (v + link_speed) if halves else link_speed) - link_angle
+        return Forces(joint=impulse - motors.direct), (angle, speed, link_speed - v, farther, v + 0.0)
 
     def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array, hold: Array) -> Array:
         # a servo may hold the motor inside the gap
@@ -267,5 +279,5 @@ _RESTITUTIONS = restitution_of(_RATIOS)
 
 
 def damping_ratio(xp: Any, restitution: Array) -> Array:
-    """Inverse of `restitution_of`, from a table; below 0.05 as there."""
+    """Inverse of `restitution_of` from `LEAST` to 1, from a table."""
     return xp.interp(restitution, _RESTITUTIONS, _RATIOS)
