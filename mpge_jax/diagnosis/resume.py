@@ -49,6 +49,9 @@ def attach(s: Search, p: Prepared, path: Path) -> None:
         terms: list[Term] = [known[t["id"], t["kind"], t["index"]] for t in table["terms"]]
         hypothesis = Hypothesis.of(*terms)
         resumed = Fitted(hypothesis, np.array(table["theta"]), np.array(table["centre"]))
+        # kept by a version whose effects had other parameters
+        if not resumed.theta.size == resumed.centre.size == len(hypothesis.params(p.ctx)):
+            return
         p.sim.work, s.looked, s.resume = float(table["work"]), bool(table["looked"]), resumed
     except (OSError, ValueError, KeyError, TypeError):
         return

@@ -18,6 +18,7 @@ from machines import PENDULUM, record
 
 from experiments.diagnose import main
 from mpge_jax.diagnosis import VOCABULARY, Config, InputError, Recording, diagnose, outputs
+from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.export import write_models
 from mpge_jax.diagnosis.fitted import NOTHING
@@ -336,6 +337,8 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatc
     assert [t["id"] for t in kept["terms"]] == ["coulomb_friction"] and kept["work"] > 0
     assert kept["looked"] is False
 
+    short = tmp_path / "short.json"
+    short.write_text(json.dumps({**kept, "theta": [], "centre": []}))
     works, attach = [], whole.resume.attach
     monkeypatch.setattr(
         whole.resume, "attach", lambda s, p, path: (attach(s, p, path), works.append(p.sim.work))
@@ -347,4 +350,7 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatc
     assert not any(line.startswith("round 1") for line in logs[0].log)
     assert [t.id for t in logs[0].terms] == ["coulomb_friction"]
     assert works == [kept["work"]]
+    search = build_search(logs[0].prepared, lambda _text: None, 0.25)
+    attach(search, logs[0].prepared, short)
+    assert search.resume is None
     assert not (out / ".progress.json").exists()
