@@ -25,7 +25,7 @@ DETAIL, FEW = 0.02, 5
 """Share of an actuator's largest forces by which an effect changes so many: less may be a matter of when within a
 timestep a force was measured."""
 SLIGHT = 0.005
-"""The same share of what an effect mostly changes: less nobody can use."""
+"""Share of them below which the median change is a detail, however slowly the forces change."""
 FAST = 0.3
 """Time constant, in steps of the grid, below which a lag cannot be told from a delay."""
 NEAR = 1e-6
