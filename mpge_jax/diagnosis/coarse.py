@@ -171,6 +171,7 @@ def _scaled(w: Windows, level: Array) -> Whitener:
         seen,
         np.maximum(seen.sum(1), 1).astype(float),
         np.ones(w.count),
+        np.zeros(seen.shape),
     )
 
 

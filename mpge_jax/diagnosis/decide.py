@@ -10,7 +10,8 @@ from mpge_jax.diagnosis.calibrate import Floor, floor
 from mpge_jax.diagnosis.finish import final_fit, prune, refined, with_timestep_error
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.judge import FitReport, Remainder, fit_report, helps, remainder
+from mpge_jax.diagnosis.judge import FitReport, fit_report, helps
+from mpge_jax.diagnosis.left import Remainder, remainder
 from mpge_jax.diagnosis.polish import polished
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.rigid import name_nearest
@@ -62,6 +63,7 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
 def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, Remainder | None]:
     """What noise alone would leave if `f` were true, and what it leaves if that is more."""
     noise = floor(p, f)
+    s.log.append(f"floor {noise.loss:.3f} +- {noise.error:.3f}")
     return noise, remainder(s, f, noise)
 
 

@@ -212,7 +212,7 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
             held = fit_report(*shown, held=True)
         corrected = True
     train, held = (r.above(ratio) for r in (fit_report(*shown, held=False), held))
-    unexplained = None if found.left is None else what_is_left(p, s, found.left, held, corrected)
+    unexplained = None if found.left is None else what_is_left(p, found.left, held, corrected)
     if unexplained is None:
         note_numerics(p, f, found.held.windows)
     if actuators is not None:

@@ -26,6 +26,9 @@ DETAIL, FEW = 0.02, 5
 timestep a force was measured."""
 SLIGHT = 0.005
 """Share of them below which the median change is a detail, however slowly the forces change."""
+BETTER = 0.25
+"""Share of the loss that an effect may leave, of what forces from another moment within two timesteps would, to be more
+than a matter of that moment."""
 FAST = 0.3
 """Time constant, in steps of the grid, below which a lag cannot be told from a delay."""
 NEAR = 1e-6
@@ -216,12 +219,22 @@ def _tier(f: Fitted) -> int:
     return sum(t.effect.tier for t in f.hypothesis.terms)
 
 
-def _is_detail(change: Array, logs: list[Log], largest: float, timestep: float) -> bool:
-    """Whether changes [T] of the forces are slight, or may be a matter of when within a timestep these were measured:
-    nowhere large, and mostly no more than the forces themselves change in two timesteps."""
-    rates = np.concatenate([np.abs(np.diff(log.force) / np.diff(log.time)) for log in logs])
-    slight = max(SLIGHT * largest, 2.0 * timestep * float(np.median(rates)))
-    return bool(np.sort(change)[-FEW:][0] < DETAIL * largest and np.median(change) <= slight)
+def _is_detail(old: Array, new: Array, logs: list[Log], largest: float, timestep: float) -> bool:
+    """Whether what changes residuals from `old` [T] to `new` is slight, or may be a matter of when within a timestep
+    the forces were measured: nowhere large, mostly no more than the forces themselves change in two timesteps, and not
+    much better an account of `old` than that the forces are from another moment."""
+    change = np.abs(new - old)
+    if np.sort(change)[-FEW:][0] >= DETAIL * largest:
+        return False
+    rates = np.concatenate([np.gradient(log.force, log.time) for log in logs])
+    if np.median(change) <= SLIGHT * largest:
+        return True
+    if np.median(change) > 2.0 * timestep * float(np.median(np.abs(rates))):
+        return False
+    late = float(rates @ old) / max(float(rates @ rates), 1e-300)
+    timing = old - np.clip(late, -2.0 * timestep, 2.0 * timestep) * rates
+    left, otherwise = (blocks_of(r, logs) for r in (new, timing))
+    return bool(_robust(left, left).mean() > BETTER * _robust(otherwise, left).mean())
 
 
 def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: list[str]) -> Fitted:
@@ -275,7 +288,7 @@ def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: 
             if not (strong(gain, worse - better) or rare(worse, better, fitted=first.size)):
                 return current
         old, new = (residual(model, ctx, f, a, d.held, d) for f in (current, chosen))
-        if _is_detail(np.abs(new - old) * d.sigma, d.held, float(ctx.drive[a]), float(model.opt.timestep)):
+        if _is_detail(old * d.sigma, new * d.sigma, d.held, float(ctx.drive[a]), float(model.opt.timestep)):
             return current
         current = chosen
     return current

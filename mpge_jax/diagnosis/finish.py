@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mpge_jax.diagnosis.candidates import compatible
+from mpge_jax.diagnosis.effects.drive import Drive
 from mpge_jax.diagnosis.fit import fit, gauss_newton_shift, timing_error
 from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Term
@@ -89,20 +90,23 @@ def refined(s: Search, f: Fitted, w: Windows) -> Fitted:
 
 
 def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
-    """Add to the covariance the parameters' shifts by `numerics`: finer steps, late commands, older forces.
+    """Add to the covariance what the timestep may do to the parameters.
 
-    A semi-implicit step acts half a timestep early, which the fit takes for physics (a delay too long by that
-    much); the noise says nothing about it. Each shift is one Gauss-Newton step. Times also carry `timing_error`.
+    Times carry `timing_error`. What else machines do otherwise than the model's steps (`numerics`) the fit's whitening
+    sees past, and its covariance has lost what that takes away; but a motor that moves by itself within a timestep does
+    so otherwise than the links, and beside one the parameters carry their shifts by each of those changes too (one
+    Gauss-Newton step under a whitening that does not see past them).
     """
     if not f.theta.size or not f.cov.size:
         return f
-    white = whitener(s.sim, f.hypothesis, f.theta, w, s.noise)
-    residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
     shift = timing_error(f.hypothesis.params(s.sim.ctx), f.theta, w.dt)
-    for what, change in numerics(s.sim, f.hypothesis, f.theta, w).items():
-        if what == INTEGRATOR:
-            continue
-        shift = np.hypot(shift, gauss_newton_shift(s.sim, f, w, white, white(residual + change)))
+    if any(isinstance(t.effect, Drive) for t in f.hypothesis.terms):
+        white = whitener(s.sim, f.hypothesis, f.theta, w, s.noise)
+        residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
+        for what, change in numerics(s.sim, f.hypothesis, f.theta, w).items():
+            if what != INTEGRATOR:
+                moved = white(residual + change)
+                shift = np.hypot(shift, gauss_newton_shift(s.sim, f, w, white, moved))
     return replace(f, cov=_widened(f.cov, shift))
 
 

@@ -16,6 +16,9 @@ from mpge_jax.diagnosis.whiten import Whitener, robust_loss
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
+LONGER = 10.0
+"""Growth of the differences of which slopes are told in machines with contacts, where no step along them is better:
+over short ones a single impact may hold them fast."""
 
 
 def evaluate(sim: Simulator, fits: list[Fitted], w: Windows, white: Whitener) -> list[Fitted]:
@@ -70,9 +73,13 @@ def fit(
         for p in active:
             best, old = best_of[id(p)], p.fit.loss
             if best is p.fit:
-                p.damping *= 30
                 p.small += 1
                 p.done = p.small > 2
+                if ctx.contacts and not p.done:
+                    p.stride *= LONGER
+                    improved.append(p)
+                else:
+                    p.damping *= 30
                 continue
             p.fit = best
             p.damping = max(p.damping * 0.2, 1e-6)

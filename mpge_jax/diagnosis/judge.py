@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.calibrate import Floor, Left
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.left import Remainder
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.remainder import describe
 from mpge_jax.diagnosis.select import Search
@@ -20,12 +20,13 @@ from mpge_jax.diagnosis.whiten import (
     LATE,
     NUISANCE,
     STEP,
-    Whitener,
     column_scale,
     numerics,
     whitener,
 )
 from mpge_jax.diagnosis.windows import Windows
+
+Array = np.ndarray
 
 TRAIN, HELD = 40, 60
 """Windows of the reported length on which errors are shown, at most."""
@@ -45,17 +46,33 @@ class FitReport:
     """Open-loop errors on windows of the reported length, nominal and corrected model on the same windows.
 
     Attributes:
-        floor: rms error that the noise alone leaves.
+        floors: [W] rms error that the noise alone leaves in each window. floor: the same over all of them.
     """
 
     windows: Windows
     before: Errors
     after: Errors
+    floors: Array
     floor: float
 
     def above(self, ratio: float) -> FitReport:
         """The same with `ratio` times the noise, which cannot be more than what is left."""
-        return replace(self, floor=min(ratio * self.floor, self.after.rms))
+        return replace(self, floors=ratio * self.floors, floor=min(ratio * self.floor, self.after.rms))
+
+    def left(self) -> float:
+        """Share of the error beyond noise that is left, between 0 and 1: over all windows, or in the usual one if that
+        is more (through impacts, a few windows hold all of the error and of the noise)."""
+        middle = [
+            float(np.median(x)) if x.size else 0.0
+            for x in (self.after.window, self.before.window, self.floors)
+        ]
+        shares = (_share(self.after.rms, self.before.rms, self.floor), _share(*middle))
+        return min(max(shares), 1.0)
+
+
+def _share(after: float, before: float, floor: float) -> float:
+    left, whole = (np.sqrt(max(x**2 - floor**2, 0.0)) for x in (after, before))
+    return float(left / max(whole, 1e-12))
 
 
 def fit_report(p: Prepared, f: Fitted, held: bool) -> FitReport:
@@ -64,7 +81,8 @@ def fit_report(p: Prepared, f: Fitted, held: bool) -> FitReport:
     before = errors(p.sim, NOTHING, w)
     after = errors(p.sim, f, w) if f.hypothesis.terms else before
     scale = column_scale(p.noise, p.model)
-    return FitReport(w, before, after, float(np.sqrt(noise_floor(p.sim, f, w, scale).mean())))
+    variance = noise_floor(p.sim, f, w, scale)
+    return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())))
 
 
 def helps(held: FitReport) -> bool:
@@ -80,49 +98,21 @@ def helps(held: FitReport) -> bool:
     return bool(after.rms < before.rms or oftener)
 
 
-@dataclass(frozen=True)
-class Remainder:
-    """What a fit leaves that is more than noise.
-
-    Attributes:
-        fit: what leaves it. left: its losses on the search's windows. whites: of training and held-out windows.
-    """
-
-    fit: Fitted
-    left: Left
-    whites: tuple[Whitener, Whitener]
-
-
-def remainder(s: Search, f: Fitted, noise: Floor) -> Remainder | None:
-    """What `f` leaves on the search's windows if that is more than the noise would."""
-    whites = s.whiten(f, temper=False)
-    left = s.left(f, whites)
-    typical = left.losses[left.typical].mean()
-    s.log.append(f"left: loss {typical:.3f}, floor {noise.loss:.3f} +- {noise.error:.3f}")
-    return Remainder(f, left, whites) if noise.beyond(left) else None
-
-
-def what_is_left(
-    p: Prepared, s: Search, left: Remainder, held: FitReport, corrected: bool
-) -> dict[str, Any] | None:
+def what_is_left(p: Prepared, left: Remainder, held: FitReport, corrected: bool) -> dict[str, Any] | None:
     """The `unexplained` entry of a diagnosis, where what is left matters.
 
     Args:
         left: of the fit to the decision's windows. held: errors with the effects as reported. corrected: whether any
             effect was found.
     """
-    before, after = held.before.rms, held.after.rms
-    beyond = np.sqrt(max(after**2 - held.floor**2, 0.0)) / max(
-        np.sqrt(max(before**2 - held.floor**2, 0.0)), 1e-12
-    )
-    beyond = min(float(beyond), 1.0) if corrected else 1.0
+    beyond = held.left() if corrected else 1.0
     if beyond < LEFT:
         p.warnings.append(
             f"a remainder of {100 * beyond:.1f} % of the error is more than noise (friction law, timestep or "
             "integrator differ in detail); it does not change what is named."
         )
         return None
-    return describe(p, s, left, beyond**2)
+    return describe(p, left, beyond**2)
 
 
 def together(entries: list[dict[str, Any] | None]) -> dict[str, Any] | None:

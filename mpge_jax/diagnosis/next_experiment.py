@@ -236,5 +236,5 @@ def _windows(d: Diagnosis, q0: Array, commands: Array, dt: float) -> Windows:
         np.tile(q0, (count, 1)), np.zeros((count, m.nv)), np.zeros((count, m.nv, 2, 2)),
         np.zeros((count, m.na)), np.concatenate([np.repeat(commands[:, :1], before, 1), commands], 1),
         np.tile(grid, (count, 1)), np.ones((count, n), bool), np.tile(q0, (count, n, 1)),
-        np.full((count, n, m.nv), np.nan),
+        np.full((count, n, m.nv), np.nan), np.zeros((count, m.nv, 2)),
     )  # fmt: skip

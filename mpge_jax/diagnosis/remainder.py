@@ -12,9 +12,8 @@ from mpge_jax.diagnosis.parameters import number
 from mpge_jax.diagnosis.verdict import Probed, active_dofs, probed
 
 if TYPE_CHECKING:
-    from mpge_jax.diagnosis.judge import Remainder
+    from mpge_jax.diagnosis.left import Remainder
     from mpge_jax.diagnosis.prepare import Prepared
-    from mpge_jax.diagnosis.select import Search
     from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
@@ -91,12 +90,13 @@ def _when(force: Array, clues: dict[str, Array], directions: tuple[str, str]) ->
     return when + (f"; it always {directions[0 if sign > 0 else 1]}" if abs(sign) > 0.8 else "")
 
 
-def describe(p: Prepared, s: Search, left: Remainder, share: float) -> dict[str, Any]:
+def describe(p: Prepared, left: Remainder, share: float) -> dict[str, Any]:
     """The `unexplained` entry of a diagnosis.
 
     Args:
         share: share of the held-out squared error that remains.
     """
+    s = left.search
     train, held = (
         probed(s.sim, left.fit, w, white) for w, white in zip((s.train, s.held), left.whites, strict=True)
     )

@@ -8,12 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2, norm
 
-from mpge_jax.diagnosis.calibrate import Floor, Left
+from mpge_jax.diagnosis.calibrate import Floor
 from mpge_jax.diagnosis.candidates import compatible
 from mpge_jax.diagnosis.evidence import EVIDENCE, SEVERAL, deviations, stand_out, strong
 from mpge_jax.diagnosis.fit import evaluate, fit
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.left import remainder
 from mpge_jax.diagnosis.rigid import one_of_each
 from mpge_jax.diagnosis.scored import Scored, clearly_worse, hopeful, misses, with_simpler
 from mpge_jax.diagnosis.screen import screen
@@ -176,18 +177,7 @@ class Search:
         floor = self.floor(base)
         if nominal and floor.loss < SETTLED:
             return False
-        return not floor.beyond(self.left(base, self.whiten(base, temper=False)))
-
-    def left(self, f: Fitted, whites: tuple[Whitener, Whitener]) -> Left:
-        """What `f` leaves on training and held-out windows."""
-        losses, each = [], []
-        for w, white in zip((self.train, self.held), whites, strict=True):
-            flat = white(self.sim.residuals([Run(f.hypothesis, f.theta)], w))[0]
-            losses.append(robust_loss(white.excess(flat)))
-            each.append(robust_loss(white.by_dof(flat, self.sim.model.nv)))
-        typical = np.ones(self.train.count + self.held.count, bool)
-        typical[self.typical : self.train.count] = self.typical is None
-        return Left(np.concatenate(losses), np.concatenate(each), typical)
+        return remainder(self, base, floor, thorough=False) is None
 
     def freed(self, base: Fitted, fits: list[Fitted], white: Whitener) -> Fitted:
         """`base`, or a better fit of its own terms to which a further term led out of a local minimum."""

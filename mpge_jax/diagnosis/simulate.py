@@ -209,14 +209,8 @@ class Simulator:
                 rows = late[w.source[window[late]] == s]
                 at = w.start[window[rows]] + delay[rows, dof]
                 q0[rows, q], v0[rows, dof] = w.sources[s].state_at(at, q, dof)
-        move = np.zeros((len(window), m.nv))
-        move -= offset
-        for i, run in enumerate(runs):
-            if run.shift is not None:
-                rows = slice(i * w.count, (i + 1) * w.count)
-                move[rows] += run.shift[:, : m.nv]
-                v0[rows] += run.shift[:, m.nv :]
-        return integrate(m, q0, move), v0
+        shift = _shifts(runs, w)
+        return integrate(m, q0, shift[:, : m.nv] - offset), v0 + shift[:, m.nv :]
 
     def _commands(self, groups: list[Group], w: Windows, window: Array) -> dict[int, tuple[Array, Array]]:
         """Changed command timelines: actuator -> (rows, [rows, H + K])."""
@@ -256,10 +250,8 @@ class Simulator:
                 out[rows, a] = u[:, w.history + k]
             return out
 
-        push, moved = np.zeros((n, m.nv)), np.zeros((n, m.nv))
+        push, moved = np.zeros((n, m.nv)), _shifts(runs, w)[:, m.nv :]
         for run, rows in zip(runs, rows_of, strict=True):
-            if run.shift is not None:
-                moved[rows] = run.shift[:, m.nv :]
             if run.push is not None:
                 push[rows, run.push[0]] += run.push[1]
         runtime = [g for g in groups if g.term.effect.runtime]
@@ -305,6 +297,12 @@ class Simulator:
                 value = np.where(before, 0.0, out[rows, :, k] * weight[:, None])
                 out[rows, :, k] = np.where(np.isfinite(out[rows, :, k]), value, np.nan)
         return out
+
+
+def _shifts(runs: list[Run], w: Windows) -> Array:
+    """By how much each simulation starts elsewhere than estimated, [R W, 2 nv]."""
+    shift = w.shift
+    return np.concatenate([shift if run.shift is None else shift + run.shift for run in runs])
 
 
 def _sample(m: mujoco.MjModel, q: Array, v: Array, times: Array, dt: float) -> tuple[Array, Array]:

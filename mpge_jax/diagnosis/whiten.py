@@ -42,6 +42,8 @@ class Whitener:
         count: [W] compared values. expected: [W] chi^2 over count when the hypothesis is true.
         factor: by which tempering enlarged sigma (1: residuals are in units of the noise).
         inexact: whether most of sigma is what the timestep leaves unknown, and not noise.
+        offset: [W, M] what leads from residuals of windows that start elsewhere than estimated back to those of the
+            estimate, by the slopes at where they start.
     """
 
     scale: Array
@@ -50,11 +52,20 @@ class Whitener:
     seen: Array
     count: Array
     expected: Array
+    offset: Array
     factor: float = 1.0
     inexact: bool = False
 
     def take(self, index: Array) -> Whitener:
-        keys = ("basis", "shrink", "seen", "count", "expected", *(("scale",) if self.scale.ndim == 3 else ()))
+        keys = (
+            "basis",
+            "shrink",
+            "seen",
+            "count",
+            "expected",
+            "offset",
+            *(("scale",) if self.scale.ndim == 3 else ()),
+        )
         return replace(self, **{k: getattr(self, k)[index] for k in keys})
 
     def plain(self, residual: Array) -> Array:
@@ -62,7 +73,7 @@ class Whitener:
         r = residual / self.scale
         r = np.where(np.isfinite(residual), r, 0.0)
         r = np.clip(r, -_CAP, _CAP)
-        return r.reshape(*r.shape[:-2], r.shape[-2] * r.shape[-1])
+        return r.reshape(*r.shape[:-2], r.shape[-2] * r.shape[-1]) + self.offset
 
     def __call__(self, residual: Array) -> Array:
         """Whitened residuals [..., W, M]."""
@@ -137,6 +148,7 @@ def whitener(
     columns = (res[1:] - base) / scale
     columns = np.where(seen, columns, 0.0).reshape(len(res) - 1, w.count, -1)
     columns = np.clip(columns, -_CAP, _CAP)
+    offset = -np.einsum("swm,ws->wm", columns, w.moved.reshape(w.count, -1))
     stack = [KAPPA * columns]
     if nuisance:
         changes = (np.where(seen & np.isfinite(d), d / scale, 0.0) for d in nuisance.values())
@@ -153,7 +165,9 @@ def whitener(
         gained = ((bare / factor) ** 2 / (1.0 + s**2)).sum((0, 2))
         expected = (count - (s**2 / (1.0 + s**2)).sum(-1) + gained) / count
         expected = np.maximum(expected, 0.05)
-        return Whitener(scale * factor, basis, shrink, flat_seen, count, expected, factor, inexact)
+        return Whitener(
+            scale * factor, basis, shrink, flat_seen, count, expected, offset / factor, factor, inexact
+        )
 
     factor = 1.0 if isinstance(temper, bool) else temper
     white = build(factor)

@@ -30,6 +30,7 @@ class Windows:
         act0: [W, na] activations. command: [W, H + K, nu] mean commands, the first H before the start.
         times: [W, N] s after the start. seen: [W, N] whether the sample exists.
         qpos: [W, N, nq]. qvel: [W, N, nv] (NaN where not measured).
+        moved: [W, nv, 2] by how much the windows start elsewhere than estimated (`starts`), in columns of `root`.
     """
 
     sources: tuple[Source, ...]
@@ -46,6 +47,12 @@ class Windows:
     seen: Array
     qpos: Array
     qvel: Array
+    moved: Array
+
+    @property
+    def shift(self) -> Array:
+        """[W, 2 nv] what `moved` is in position and velocity."""
+        return np.einsum("wdij,wdj->wid", self.root, self.moved).reshape(self.count, -1)
 
     @property
     def count(self) -> int:
@@ -56,7 +63,20 @@ class Windows:
         return self.command.shape[1] - self.steps
 
     def take(self, index: Array) -> Windows:
-        keys = ("source", "start", "q0", "v0", "root", "act0", "command", "times", "seen", "qpos", "qvel")
+        keys = (
+            "source",
+            "start",
+            "q0",
+            "v0",
+            "root",
+            "act0",
+            "command",
+            "times",
+            "seen",
+            "qpos",
+            "qvel",
+            "moved",
+        )
         return replace(self, **{k: getattr(self, k)[index] for k in keys})
 
     def refined(self, factor: int) -> Windows:
@@ -217,7 +237,8 @@ def cut(
     qvel[:, :, ~np.isfinite(noise.qvel)] = np.nan
     source = np.array([i for i, _, _ in found], dtype=int)
     return Windows(
-        sources, source, start, dt, steps, q0, v0, root, act0, command, times, seen, qpos, qvel
+        sources, source, start, dt, steps, q0, v0, root, act0, command, times, seen, qpos, qvel,
+        np.zeros((w, nv, 2)),
     )  # fmt: skip
 
 

@@ -10,11 +10,13 @@ from machines import BOX, record
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.calibrate import floor
+from mpge_jax.diagnosis.coarse import _scaled
 from mpge_jax.diagnosis.contacts import allowed_pairs, touching_pairs
 from mpge_jax.diagnosis.effects.base import REGISTRY, find_place
-from mpge_jax.diagnosis.fit import evaluate
+from mpge_jax.diagnosis.fit import evaluate, fit
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.left import leaves
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.polish import polished
 from mpge_jax.diagnosis.prepare import Prepared, prepare
@@ -103,7 +105,7 @@ def test_impacts_in_finer_steps_are_no_physics_and_a_force_is(integrator):
 
     def beyond(force=None) -> bool:
         p, s = _search(xml, force=force)
-        return floor(p, NOTHING).beyond(s.left(NOTHING, s.whiten(NOTHING, temper=False)))
+        return floor(p, NOTHING).beyond(leaves(s, NOTHING).left)
 
     def drag(_model, data):
         data.qfrc_applied[1] -= 1.0 * data.qvel[1]
@@ -132,3 +134,24 @@ def test_a_load_is_found_through_impacts_without_slopes():
     np.testing.assert_array_equal(found.theta[1:], theta[1:])
     again = polished(s.sim, start, s.train, white, 0)
     np.testing.assert_array_equal(again.theta, found.theta)
+
+
+@pytest.mark.parametrize("start", [1.0, 3.3, 7.7])
+def test_a_fit_among_impacts_follows_slopes_over_longer_differences(start, monkeypatch):
+    """A residual that falls evenly towards 30 scales, under ripples that make it as steep as fifty times that, either
+    way, over the usual difference."""
+    p = _prepared(BOX, record(BOX, 1.0))
+    assert p.ctx.contacts
+    w = p.windows(False, p.config.decide_s, 10)
+    term = Term("viscous_damping", find_place(p.ctx, REGISTRY["viscous_damping"], "x"))
+    scale = term.params(p.ctx)[0].scale
+
+    def rippled(runs, w):
+        u = np.array([run.theta[0] for run in runs]) / scale
+        miss = u - 30.0 + 0.5 * np.sin(100.0 * u)
+        return np.broadcast_to(miss[:, None, None, None], (len(runs), *w.seen.shape, 4)).copy()
+
+    monkeypatch.setattr(p.sim, "residuals", rippled)
+    theta = np.array([start * scale])
+    f = fit(p.sim, [Fitted(Hypothesis.of(term), theta, theta)], w, _scaled(w, np.ones(4)))[0]
+    assert abs(f.theta[0] / scale - 30.0) < 1.0
