@@ -226,11 +226,12 @@ def _is_detail(old: Array, new: Array, logs: list[Log], largest: float, timestep
     change = np.abs(new - old)
     if np.sort(change)[-FEW:][0] >= DETAIL * largest:
         return False
-    rates = np.concatenate([np.gradient(log.force, log.time) for log in logs])
     if np.median(change) <= SLIGHT * largest:
         return True
-    if np.median(change) > 2.0 * timestep * float(np.median(np.abs(rates))):
+    steps = np.concatenate([np.abs(np.diff(log.force) / np.diff(log.time)) for log in logs])
+    if np.median(change) > 2.0 * timestep * float(np.median(steps)):
         return False
+    rates = np.concatenate([np.gradient(log.force, log.time) for log in logs])
     late = float(rates @ old) / max(float(rates @ rates), 1e-300)
     timing = old - np.clip(late, -2.0 * timestep, 2.0 * timestep) * rates
     left, otherwise = (blocks_of(r, logs) for r in (new, timing))

@@ -16,9 +16,9 @@ from mpge_jax.diagnosis.whiten import Whitener, robust_loss
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
-LONGER = 10.0
-"""Growth of the differences of which slopes are told in machines with contacts, where no step along them is better:
-over short ones a single impact may hold them fast."""
+LONGER, LONGEST = 10.0, 100.0
+"""Growth, and the most of it, of the differences of which slopes are told in machines with contacts where no step along
+them is better: over short ones a single impact may hold them fast."""
 
 
 def evaluate(sim: Simulator, fits: list[Fitted], w: Windows, white: Whitener) -> list[Fitted]:
@@ -76,7 +76,7 @@ def fit(
                 p.small += 1
                 p.done = p.small > 2
                 if ctx.contacts and not p.done:
-                    p.stride *= LONGER
+                    p.stride = min(LONGER * p.stride, LONGEST * stride)
                     improved.append(p)
                 else:
                     p.damping *= 30
@@ -87,6 +87,10 @@ def fit(
             p.done = p.small > 1
             improved.append(p)
         _linearise(sim, improved, w, white)
+    longer = [p for p in problems if p.stride != stride]
+    for p in longer:
+        p.stride = stride
+    _linearise(sim, longer, w, white)
     return [_finish(p) for p in problems]
 
 

@@ -30,6 +30,8 @@ Array = np.ndarray
 
 TRAIN, HELD = 40, 60
 """Windows of the reported length on which errors are shown, at most."""
+CLEAR = 2.0
+"""How many times the noise the usual window's error must be for its share that is left to mean anything."""
 SURE, MOST = 6.0, 3.0
 """Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
 they may be."""
@@ -59,15 +61,21 @@ class FitReport:
         """The same with `ratio` times the noise, which cannot be more than what is left."""
         return replace(self, floors=ratio * self.floors, floor=min(ratio * self.floor, self.after.rms))
 
-    def left(self) -> float:
-        """Share of the error beyond noise that is left, between 0 and 1: over all windows, or in the usual one if that
-        is more (through impacts, a few windows hold all of the error and of the noise)."""
-        middle = [
-            float(np.median(x)) if x.size else 0.0
-            for x in (self.after.window, self.before.window, self.floors)
-        ]
-        shares = (_share(self.after.rms, self.before.rms, self.floor), _share(*middle))
-        return min(max(shares), 1.0)
+    def left(self, rugged: bool) -> float:
+        """Share of the error (rms beyond noise) that is left, between 0 and 1.
+
+        Args:
+            rugged: whether things strike each other. A few windows with impacts then hold all of the error and of the
+                noise: what is left in the usual one counts too, where the noise does not hide what it missed.
+        """
+        share = _share(self.after.rms, self.before.rms, self.floor)
+        if rugged and self.floors.size:
+            after, before, floor = (
+                float(np.median(x)) for x in (self.after.window, self.before.window, self.floors)
+            )
+            if before > CLEAR * floor:
+                share = max(share, _share(after, before, floor))
+        return min(share, 1.0)
 
 
 def _share(after: float, before: float, floor: float) -> float:
@@ -105,7 +113,8 @@ def what_is_left(p: Prepared, left: Remainder, held: FitReport, corrected: bool)
         left: of the fit to the decision's windows. held: errors with the effects as reported. corrected: whether any
             effect was found.
     """
-    beyond = held.left() if corrected else 1.0
+    rugged = bool(p.ctx.contacts) or left.fit.hypothesis.rugged
+    beyond = held.left(rugged) if corrected else 1.0
     if beyond < LEFT:
         p.warnings.append(
             f"a remainder of {100 * beyond:.1f} % of the error is more than noise (friction law, timestep or "

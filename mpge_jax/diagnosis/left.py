@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.calibrate import Floor, Left
 from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.starts import ORDINARY, settled
-from mpge_jax.diagnosis.whiten import Whitener, robust_loss
+from mpge_jax.diagnosis.whiten import Whitener, robust_loss, usual_excess
 
 if TYPE_CHECKING:
     from mpge_jax.diagnosis.select import Search
@@ -41,7 +41,7 @@ def remainder(s: Search, f: Fitted, noise: Floor, thorough: bool = True) -> Rema
     """
     found = leaves(s, f)
     rugged = s.sim.ctx.contacts or f.hypothesis.rugged
-    ordinary = ORDINARY * max(noise.loss, 1.0)
+    ordinary, work = ORDINARY * max(usual_excess(noise.loss), 1.0), s.sim.work
     for elsewhere in (False, True) if thorough else (False,):
         if not (rugged and noise.beyond(found.left)):
             break
@@ -50,6 +50,8 @@ def remainder(s: Search, f: Fitted, noise: Floor, thorough: bool = True) -> Rema
         if all(new is old for new, old in zip(moved, windows, strict=True)):
             break
         found = leaves(replace(s, train=moved[0], held=moved[1]), f)
+    # by its work so far a search decides how widely it looks for effects, and this was none of it
+    s.sim.work = work
     return found if noise.beyond(found.left) else None
 
 

@@ -26,6 +26,8 @@ ROUNDS, DRAWS = 6, 8
 """Rounds of a search, and starts that are drawn at random in each."""
 DAMPING = (0.0, 0.1, 1.0, 10.0)
 """Damping of their steps, relative to the curvature."""
+ROUNDING = 1e-12
+"""The least damping with which a step can be told."""
 GROW, SHRINK, NARROW = 1.2, 0.7, 0.02
 """Change of the draws' width after rounds that found a better start, or none, and its least value (deviations)."""
 STUBBORN, ELSEWHERE = 8, 8
@@ -51,7 +53,8 @@ def settled(
             several starts drawn at random, and not all from where they are.
     """
     nuisance = numerics(sim, f.hypothesis, f.theta, w)
-    x = _excess(sim, f, w, whitener(sim, f.hypothesis, f.theta, w, noise, nuisance, temper=False))
+    whole = whitener(sim, f.hypothesis, f.theta, w, noise, nuisance, temper=False)
+    x = _excess(sim, f, w, whole)
     odd = np.flatnonzero(x > ordinary)
     if not 0 < odd.size <= MOST * w.count:
         return w
@@ -64,13 +67,15 @@ def settled(
     from_here = w.take(each)
     if elsewhere:
         from_here = replace(from_here, moved=rng.standard_normal(from_here.moved.shape))
-    tried, costs = _search(sim, f, from_here, white.take(each), ordinary, rng)
+    tried, costs = _search(sim, f, from_here, white.take(each), ordinary * whole.expected[each], rng)
     best = costs.reshape(odd.size, often).argmin(1) + often * np.arange(odd.size)
     moved = w.moved.copy()
     moved[odd] = tried[best]
     new = replace(w, moved=moved)
+    nuisance = numerics(sim, f.hypothesis, f.theta, new)
     again = _excess(sim, f, new, whitener(sim, f.hypothesis, f.theta, new, noise, nuisance, temper=False))
-    return replace(w, moved=np.where((again < x)[:, None, None], moved, w.moved))
+    better = again < x
+    return replace(w, moved=np.where(better[:, None, None], moved, w.moved)) if better.any() else w
 
 
 def _excess(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Array:
@@ -78,14 +83,14 @@ def _excess(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Array:
 
 
 def _search(
-    sim: Simulator, f: Fitted, w: Windows, white: Whitener, ordinary: float, rng: np.random.Generator
+    sim: Simulator, f: Fitted, w: Windows, white: Whitener, enough: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Better starts [W, nv, 2] of the windows, from where they are, and their relative costs [W]: damped Gauss-Newton
-    steps, and draws around the best so far."""
+    """Better starts [W, nv, 2] of the windows, from where they are, and their costs [W] for each compared value: damped
+    Gauss-Newton steps, and draws around the best so far, until the costs are `enough` [W]."""
     z = w.moved.reshape(w.count, -1).copy()
     cost, width = _costs(sim, f, w, white, z[None])[1][0], np.ones(w.count)
     for _ in range(ROUNDS):
-        on = np.flatnonzero(cost > ordinary)
+        on = np.flatnonzero(cost > enough)
         if not on.size:
             break
         part, white_part = w.take(on), white.take(on)
@@ -111,7 +116,7 @@ def _candidates(
     weight = np.einsum("wss->ws", gram)
     out = []
     for damping in DAMPING:
-        h = gram + damping * weight[:, :, None] * np.eye(size)
+        h = gram + (damping + ROUNDING) * weight[:, :, None] * np.eye(size)
         out.append(z - np.linalg.solve(h, push[..., None])[..., 0])
     draws = rng.standard_normal((DRAWS, count, size)) * width[:, None]
     return np.concatenate([np.array(out), z + draws])
@@ -122,4 +127,5 @@ def _costs(sim: Simulator, f: Fitted, w: Windows, white: Whitener, z: Array) -> 
     still = replace(w, moved=np.zeros_like(w.moved))
     runs = [Run(f.hypothesis, f.theta, replace(w, moved=x.reshape(w.moved.shape)).shift) for x in z]
     flat = white(sim.residuals(runs, still))
-    return flat, ((flat**2).sum(-1) + (z**2).sum(-1) / KAPPA**2) / white.count
+    costs = ((flat**2).sum(-1) + (z**2).sum(-1) / KAPPA**2) / white.count
+    return flat, np.where(np.isfinite(costs), costs, np.inf)

@@ -215,3 +215,8 @@ def in_finer_steps(sim: Simulator, runs: list[Run], w: Windows, factor: int) -> 
 def robust_loss(x: Array) -> Array:
     """Loss of windows with relative chi^2 x: 5 log(1 + x/5), linear for ordinary windows."""
     return 5.0 * np.log1p(x / 5.0)
+
+
+def usual_excess(loss: float) -> float:
+    """The relative chi^2 of a window with that `robust_loss`."""
+    return float(5.0 * np.expm1(loss / 5.0))
