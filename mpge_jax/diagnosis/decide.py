@@ -48,7 +48,7 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
         f, rivals = _look_again(p, s, say)
         noise, left = _left(p, s, f) if f.hypothesis.terms else (noise, left)
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
-    if f.theta.size and left is None and c.report_s > c.decide_s and not _rugged(s, f):
+    if f.theta.size and left is None and c.report_s > c.decide_s and not s.sim.rugged(f.hypothesis):
         say("refining parameters")
         f = refined(s, f, p.windows(False, c.report_s, REFINED))
     held = fit_report(p, f, held=True)
@@ -78,11 +78,6 @@ def _look_again(p: Prepared, s: Search, say: Callable[[str], None]) -> tuple[Fit
     return found
 
 
-def _rugged(s: Search, f: Fitted) -> bool:
-    """Whether things strike each other, inside the drives or out, which makes the loss rugged."""
-    return bool(s.sim.ctx.contacts) or f.hypothesis.rugged
-
-
 def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term, list[Rival]]]:
     """The final fit with its rivals, after exchanging terms for rivals that predict clearly better."""
     for left in reversed(range(EXCHANGES + 1)):
@@ -96,7 +91,7 @@ def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term
         s.log.append(f"exchanged: {f.hypothesis} -> {better.fit.hypothesis}")
         s.resume = better.fit
         f, last = search(s)
-    if f.theta.size and _rugged(s, f):
+    if f.theta.size and s.sim.rugged(f.hypothesis):
         s.say("refining parameters")
         f = with_timestep_error(s, polished(s.sim, f, s.train, s.whiten(f)[0], s.seed), s.train)
     return f, rivals

@@ -27,7 +27,6 @@ from mpge_jax.diagnosis.whiten import (
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
-
 TRAIN, HELD = 40, 60
 """Windows of the reported length on which errors are shown, at most."""
 CLEAR = 2.0
@@ -113,8 +112,7 @@ def what_is_left(p: Prepared, left: Remainder, held: FitReport, corrected: bool)
         left: of the fit to the decision's windows. held: errors with the effects as reported. corrected: whether any
             effect was found.
     """
-    rugged = bool(p.ctx.contacts) or left.fit.hypothesis.rugged
-    beyond = held.left(rugged) if corrected else 1.0
+    beyond = held.left(p.sim.rugged(left.fit.hypothesis)) if corrected else 1.0
     if beyond < LEFT:
         p.warnings.append(
             f"a remainder of {100 * beyond:.1f} % of the error is more than noise (friction law, timestep or "

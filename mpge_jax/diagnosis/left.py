@@ -40,7 +40,7 @@ def remainder(s: Search, f: Fitted, noise: Floor, thorough: bool = True) -> Rema
         thorough: look for the starts of the worst windows from elsewhere too.
     """
     found = leaves(s, f)
-    rugged = s.sim.ctx.contacts or f.hypothesis.rugged
+    rugged = s.sim.rugged(f.hypothesis)
     ordinary, work = ORDINARY * max(usual_excess(noise.loss), 1.0), s.sim.work
     for elsewhere in (False, True) if thorough else (False,):
         if not (rugged and noise.beyond(found.left)):

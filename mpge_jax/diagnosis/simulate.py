@@ -123,6 +123,10 @@ class Simulator:
         """Whether steps evaluate the dynamics four times, and there are so many that semi-implicit ones come near."""
         return bool(self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4) and w.steps >= MANY_STEPS
 
+    def rugged(self, hypothesis: Hypothesis) -> bool:
+        """Whether things strike each other, inside the drives or out, which makes losses rugged."""
+        return bool(self.ctx.contacts) or hypothesis.rugged
+
     @contextmanager
     def integrator(self, kind: mujoco.mjtIntegrator) -> Iterator[None]:
         """Simulate with another integrator inside a `with` block."""

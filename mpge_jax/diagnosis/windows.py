@@ -52,7 +52,7 @@ class Windows:
     @property
     def shift(self) -> Array:
         """[W, 2 nv] what `moved` is in position and velocity."""
-        return np.einsum("wdij,wdj->wid", self.root, self.moved).reshape(self.count, -1)
+        return np.einsum("wdij,wdj->wid", self.root, self.moved).reshape(self.count, 2 * self.v0.shape[1])
 
     @property
     def count(self) -> int:

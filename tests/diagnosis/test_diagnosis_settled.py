@@ -11,11 +11,13 @@ from machines import record
 
 from mpge_jax.diagnosis import Config
 from mpge_jax.diagnosis.fitted import NOTHING
+from mpge_jax.diagnosis.judge import FitReport
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import Prepared, prepare
 from mpge_jax.diagnosis.recording import validate
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.starts import ORDINARY, settled
+from mpge_jax.diagnosis.verdict import Errors
 from mpge_jax.diagnosis.whiten import numerics, start_runs, whitener
 from mpge_jax.diagnosis.windows import Windows
 
@@ -77,6 +79,7 @@ def test_moved_windows_start_as_a_shifted_run_does():
     np.testing.assert_array_equal(moved, shifted)
     index = np.array([2, 0])
     np.testing.assert_array_equal(replace(w, moved=z).take(index).shift, replace(w, moved=z).shift[index])
+    assert w.take(np.zeros(0, int)).shift.shape == (0, 4)
 
 
 @pytest.mark.parametrize("elsewhere", [False, True])
@@ -102,3 +105,22 @@ def test_a_start_explains_no_force():
     w = w.take(np.concatenate([np.flatnonzero(odd), np.flatnonzero(~odd)]))
     after = _excess(p, settled(p.sim, NOTHING, w, p.noise))
     assert (after[: odd.sum()] > 1.5).mean() > 0.7
+
+
+def _report(before: list[float], after: list[float], floor: float) -> FitReport:
+    """Errors of windows of which only the sizes matter."""
+    b, a = (
+        Errors(float(np.sqrt(np.mean(np.square(x)))), np.zeros(1), np.array(x), np.zeros(0))
+        for x in (before, after)
+    )
+    return FitReport(None, b, a, np.full(len(before), floor), floor)
+
+
+def test_what_is_left_of_the_error_is_that_of_the_usual_window_too():
+    """Nine windows go from 10 to 3 over a noise of 1, and impacts spoil a tenth one, before and after."""
+    report = _report([10.0] * 9 + [1000.0], [3.0] * 9 + [50.0], 1.0)
+    assert report.left(rugged=False) == pytest.approx(0.05, rel=0.1)
+    assert report.left(rugged=True) == pytest.approx(np.sqrt(8.0 / 99.0))
+    # where the usual window misses nothing, its share means nothing
+    report = _report([1.05] * 9 + [1000.0], [1.05] * 9 + [50.0], 1.0)
+    assert report.left(rugged=True) == report.left(rugged=False)
