@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mpge_jax.diagnosis.fit import evaluate
 from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.states import Noise
@@ -54,7 +55,7 @@ def settled(
     """
     nuisance = numerics(sim, f.hypothesis, f.theta, w)
     whole = whitener(sim, f.hypothesis, f.theta, w, noise, nuisance, temper=False)
-    x = _excess(sim, f, w, whole)
+    x = evaluate(sim, [f], w, whole)[0].x
     odd = np.flatnonzero(x > ordinary)
     if not 0 < odd.size <= MOST * w.count:
         return w
@@ -73,13 +74,9 @@ def settled(
     moved[odd] = tried[best]
     new = replace(w, moved=moved)
     nuisance = numerics(sim, f.hypothesis, f.theta, new)
-    again = _excess(sim, f, new, whitener(sim, f.hypothesis, f.theta, new, noise, nuisance, temper=False))
-    better = again < x
+    white = whitener(sim, f.hypothesis, f.theta, new, noise, nuisance, temper=False)
+    better = evaluate(sim, [f], new, white)[0].x < x
     return replace(w, moved=np.where(better[:, None, None], moved, w.moved)) if better.any() else w
-
-
-def _excess(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Array:
-    return white.excess(white(sim.residuals([Run(f.hypothesis, f.theta)], w)))[0]
 
 
 def _search(
