@@ -40,6 +40,7 @@ from mpge_jax.diagnosis.recording import Recording, chain_transitions, from_zero
 from mpge_jax.diagnosis.scored import Rival
 from mpge_jax.diagnosis.select import Search
 from mpge_jax.diagnosis.staleness import staleness
+from mpge_jax.diagnosis.zeros import describe_zeros, other_zeros, with_zeros
 
 Array = np.ndarray
 
@@ -195,6 +196,16 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     if found.fit.hypothesis.terms and moved(when, known):
         # what was missing seemed to be a matter of delays
         p, log = with_arrivals(at_rows, known), s.log
+        s = build_search(p, say, p.config.decide_s)
+        s.log, s.resume = log, found.fit
+        found = decide(p, s, say)
+        known = arrivals(at_rows, found.fit, late)
+    zeros = {} if found.left is None else other_zeros(p, found.fit)
+    if zeros:
+        p.warnings.append(describe_zeros(p, zeros))
+        say("the encoders' zeros differ between recordings; searching anew without them")
+        at_rows, log = with_zeros(at_rows, zeros), s.log
+        p = with_arrivals(at_rows, known)
         s = build_search(p, say, p.config.decide_s)
         s.log, s.resume = log, found.fit
         found = decide(p, s, say)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -68,7 +69,7 @@ class Source:
         """The same with `age` times `factor`."""
         return self.rebuilt(age=factor * self.age)
 
-    def rebuilt(self, **changes: Array) -> Source:
+    def rebuilt(self, **changes: Any) -> Source:
         """The same with other arguments of `build`, and what follows from them."""
         names = ("recording", "states", "command", "smooth", "age", "activation", "late", "bend")
         return Source.build(**{**{name: getattr(self, name) for name in names}, **changes})

@@ -63,12 +63,12 @@ def intervals(entry: dict[str, Any]) -> str:
     return f"{text} {unit}".rstrip() if text else "not determined"
 
 
-def sentence(d: Diagnosis, f: Fitted, term: Term) -> str:
+def _said(d: Diagnosis, f: Fitted, term: Term) -> str:
+    """What an effect's sentence says; it may begin with the name of a place."""
     from mpge_jax.diagnosis.parameters import parameters
 
     values = {k: quantity(v) for k, v in parameters(d.ctx, f, term).items()}
-    text = term.effect.sentence(term.place, values)
-    return text[0].upper() + text[1:]
+    return term.effect.sentence(term.place, values)
 
 
 def clause(text: str) -> str:
@@ -90,10 +90,11 @@ def explanation(d: Diagnosis) -> str:
     ambiguous = candidates_of(d)
     for term in d.terms:
         if term in ambiguous:
-            options = [clause(sentence(d, f, _differing(d, f, term))) for f in ambiguous[term]]
+            options = [clause(_said(d, f, _differing(d, f, term))) for f in ambiguous[term]]
             parts.append(f"The recordings cannot tell which: {', or '.join(options)}.")
         else:
-            parts.append(sentence(d, d.fit, term))
+            text = _said(d, d.fit, term)
+            parts.append(text[0].upper() + text[1:])
     if d.actuators is not None:
         parts += d.actuators.sentences
     if d.unexplained is not None:

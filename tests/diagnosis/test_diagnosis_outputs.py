@@ -148,6 +148,13 @@ def test_candidates_are_told_in_one_sentence():
         "The recordings cannot tell which: the hinge has dry friction of 0.05000 N m that the model lacks, or "
         "the actuator motor adds a constant 0.05000 N m to what it is told"
     )
+    # a name is written as in the model, but at the beginning of a sentence
+    payload = Term("payload_mass", Place("body", "arm", 1))
+    heavy = Fitted(Hypothesis.of(payload), np.full(4, 0.5), np.zeros(4), 1e-8 * np.eye(4))
+    d.rivals = {friction: [Rival(payload, heavy, 0.0, 0.1, "", True)]}
+    assert "lacks, or arm carries" in explanation(d)
+    d.terms, d.fit, d.rivals = (payload,), heavy, {}
+    assert explanation(d).startswith("Arm carries")
 
 
 def test_window_errors_leave_out_what_was_not_measured():
