@@ -68,6 +68,8 @@ class Score:
     answers: Path
     runs: Path
     out: Path
+    alone: Path | None = None
+    """Runs of some of these cases once more, by themselves on the machine: their times count."""
     page: Path | None = None
     """A Markdown page that shows the score between two marks, such as docs/diagnosis.md."""
 
@@ -91,7 +93,7 @@ def main(args: list[str] | None = None) -> int:
     )
     try:
         if isinstance(command, Score):
-            text = write_score(command.answers, command.runs, command.out)
+            text = write_score(command.answers, command.runs, command.out, command.alone)
             if command.page is not None:
                 put_into(command.page, text)
             print(text)

@@ -15,8 +15,15 @@ REPORTING = 100  # seeds below are for building and tuning
 BEGIN, END = "<!-- begin of blind score -->", "<!-- end of blind score -->"
 
 
-def load_marks(answers: Path, runs: Path) -> list[Mark]:
-    """Mark every answered case that was run; raises FileNotFoundError when there is none."""
+def load_marks(answers: Path, runs: Path, alone: Path | None = None) -> list[Mark]:
+    """Mark every answered case that was run.
+
+    Args:
+        alone: the same runs of some of the cases once more, by themselves on the machine: their times count.
+
+    Raises:
+        FileNotFoundError: there is no run. ValueError: a run in `alone` answered otherwise.
+    """
     marks = []
     for path in sorted(answers.glob("case_*.json")):
         answer = json.loads(path.read_text())
@@ -24,7 +31,15 @@ def load_marks(answers: Path, runs: Path) -> list[Mark]:
         if not note.exists():
             continue
         run = json.loads(note.read_text())
-        marks.append(judge(answer, _report(runs / answer["case"] / "report", run["status"]), run["seconds"]))
+        report = _report(runs / answer["case"] / "report", run["status"])
+        seconds = run["seconds"]
+        if alone is not None and (again := alone / answer["case"] / "run.json").exists():
+            seconds = (run := json.loads(again.read_text()))["seconds"]
+            if _report(again.parent / "report", run["status"]) != report:
+                raise ValueError(
+                    f"{again.parent} answers otherwise than {note.parent}; time the same revision."
+                )
+        marks.append(judge(answer, report, seconds))
     if not marks:
         raise FileNotFoundError(f"no runs in {runs} belong to the answers in {answers}")
     return marks
@@ -153,14 +168,15 @@ def concealment(mark: Mark) -> list[str]:
     return words
 
 
-def write_score(answers: Path, runs: Path, out: Path) -> str:
-    """Mark all cases, write OUT/score.json and OUT/score.md, and return the Markdown."""
-    marks = load_marks(answers, runs)
+def write_score(answers: Path, runs: Path, out: Path, alone: Path | None = None) -> str:
+    """Mark all cases (`load_marks`), write OUT/score.json and OUT/score.md, and return the Markdown."""
+    marks = load_marks(answers, runs, alone)
     plan_file = answers / "plan.json"
     plan = json.loads(plan_file.read_text()) if plan_file.exists() else {}
     tables = {
         "plan": plan,
         "answered": len(list(answers.glob("case_*.json"))),
+        "alone": sum((alone / m.case / "run.json").exists() for m in marks) if alone else 0,
         "summary": summary(marks),
         "by_effect": by_effect(marks),
         "by_model": shares(marks, lambda m: [m.model]),
@@ -205,6 +221,11 @@ def markdown(tables: dict, marks: list[Mark]) -> str:
     for name, row in tables["summary"].items():
         verdict = {True: "met", False: "missed", None: ""}[row["passed"]]
         lines.append(f"| {name} | {row['mark']} | {number(row['value'])} | {row['of']} | {verdict} |")
+    if tables["alone"]:
+        lines += [
+            "",
+            f"Seconds: the times of {tables['alone']} of them are from a second run, alone on the machine.",
+        ]
     lines += [
         "",
         "## By effect (one effect a case)",

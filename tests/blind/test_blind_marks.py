@@ -193,6 +193,26 @@ def test_score_files(tmp_path):
         load_marks(answers, tmp_path / "nowhere")
 
 
+def test_times_may_come_from_runs_alone_that_answer_alike(tmp_path):
+    answers, runs, alone = (tmp_path / name for name in ("answers", "runs", "alone"))
+    answers.mkdir()
+    for k in range(2):
+        name = f"case_{k:03d}"
+        (answers / f"{name}.json").write_text(json.dumps(hidden(FRICTION) | {"case": name}))
+        for folder, seconds in ((runs, 300.0 + k), (alone, 150.0)):
+            (folder / name / "report").mkdir(parents=True)
+            (folder / name / "run.json").write_text(
+                json.dumps({"status": 0, "seconds": seconds, "stderr": ""})
+            )
+            (folder / name / "report" / "diagnosis.json").write_text(json.dumps(report(NAMED)))
+    (alone / "case_001" / "run.json").unlink()
+    assert [m.seconds for m in load_marks(answers, runs, alone)] == [150.0, 301.0]
+    assert "times of 1 of them" in write_score(answers, runs, tmp_path / "score", alone)
+    (alone / "case_000" / "report" / "diagnosis.json").write_text(json.dumps(report(VISCOUS)))
+    with pytest.raises(ValueError, match="answers otherwise"):
+        load_marks(answers, runs, alone)
+
+
 def test_a_score_takes_its_place_on_a_page(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"# Page\n\n{BEGIN}\nold\n{END}\n\n## After\n")
