@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.actuator_side import ActuatorSide, by_command, diagnose_
 from mpge_jax.diagnosis.arrivals import arrivals, moved, with_arrivals
 from mpge_jax.diagnosis.build_search import build_search
 from mpge_jax.diagnosis.config import Config
-from mpge_jax.diagnosis.decide import decide
+from mpge_jax.diagnosis.decide import Decision, decide
 from mpge_jax.diagnosis.drive_noise import freed
 from mpge_jax.diagnosis.drives import is_servo
 from mpge_jax.diagnosis.effects.base import REGISTRY, Context
@@ -195,20 +195,14 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
     known = arrivals(at_rows, found.fit, late)
     if found.fit.hypothesis.terms and moved(when, known):
         # what was missing seemed to be a matter of delays
-        p, log = with_arrivals(at_rows, known), s.log
-        s = build_search(p, say, p.config.decide_s)
-        s.log, s.resume = log, found.fit
-        found = decide(p, s, say)
+        p, s, found = _once_more(with_arrivals(at_rows, known), s, found, say)
         known = arrivals(at_rows, found.fit, late)
     zeros = {} if found.left is None else other_zeros(p, found.fit)
     if zeros:
         p.warnings.append(describe_zeros(p, zeros))
-        say("the encoders' zeros differ between recordings; searching anew without them")
-        at_rows, log = with_zeros(at_rows, zeros), s.log
-        p = with_arrivals(at_rows, known)
-        s = build_search(p, say, p.config.decide_s)
-        s.log, s.resume = log, found.fit
-        found = decide(p, s, say)
+        say("the encoders' zeros differ between recordings; going on without them")
+        at_rows = with_zeros(at_rows, zeros)
+        p, s, found = _once_more(with_arrivals(at_rows, known), s, found, say)
         known = arrivals(at_rows, found.fit, late)
     say("judging what is left")
     f, shown, held, ratio = found.fit, (p, found.fit), found.held, found.noise.ratio
@@ -241,6 +235,13 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
         verdict, p, f, found.rivals, drop, train, held, location, unexplained, warnings, p.config, log=s.log,
         actuators=actuators,
     )  # fmt: skip
+
+
+def _once_more(p: Prepared, s: Search, found: Decision, say: _Progress) -> tuple[Prepared, Search, Decision]:
+    """The decision on recordings that are read otherwise than in `s`, from what was found there on."""
+    again = build_search(p, say, p.config.decide_s)
+    again.log, again.resume = s.log, found.fit
+    return p, again, decide(p, again, say)
 
 
 def _by_measured_forces(p: Prepared, plain: mujoco.MjModel) -> tuple[Prepared, ActuatorSide | None]:

@@ -180,13 +180,17 @@ def has_plain_law(model: mujoco.MjModel, a: int) -> bool:
     return bool(no_state and fixed and linear and at_once and known)
 
 
-def clipped(model: mujoco.MjModel, ctrl: Any, xp: Any = np) -> Any:
-    """Commands [..., nu] within the limits of the actuators that have any; whatever a drive does, it does to these."""
+def command_limits(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest command [nu] that each actuator obeys; infinite where nothing limits it."""
     limited = model.actuator_ctrllimited.astype(bool)
     limited &= not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     low = np.where(limited, model.actuator_ctrlrange[:, 0], -np.inf)
-    high = np.where(limited, model.actuator_ctrlrange[:, 1], np.inf)
-    return xp.clip(ctrl, low, high)
+    return low, np.where(limited, model.actuator_ctrlrange[:, 1], np.inf)
+
+
+def clipped(model: mujoco.MjModel, ctrl: Any, xp: Any = np) -> Any:
+    """Commands [..., nu] within the limits of the actuators that have any; whatever a drive does, it does to these."""
+    return xp.clip(ctrl, *command_limits(model))
 
 
 def is_scalar(model: mujoco.MjModel, joint: int) -> bool:

@@ -12,7 +12,7 @@ from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.effects.base import Context, Forces, Step
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import TAKEN, clipped, free_inertia, has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.model import TAKEN, command_limits, free_inertia, has_plain_law, is_joint_transmission
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
@@ -55,7 +55,19 @@ class Runtime:
         limited = _expanded(batch, m, "actuator_forcelimited").astype(bool)
         self.range[~np.broadcast_to(limited, self.range.shape[:-1])] = [-1e12, 1e12]
         self.taken = bool(self.bias[..., TAKEN].any())
-        self.affine_rows = _expanded(batch, m, "actuator_biastype") == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        affine = _expanded(batch, m, "actuator_biastype") == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        self.bias = np.where(affine[..., None], self.bias, 0.0)
+        # each [n, nu]
+        self.low, self.high, self.stiffness, self.damping = (
+            np.broadcast_to(x, (self.batch_size, m.nu))
+            for x in (
+                self.range[..., 0],
+                self.range[..., 1],
+                self.bias[..., 1],
+                self.bias[..., 2] + self.bias[..., TAKEN],
+            )
+        )
+        self.least, self.most = command_limits(m)
         self.formula = np.array([has_plain_law(m, a) for a in range(m.nu)], dtype=bool)
         self.last_force = batch.bind("actuator_force") if m.nu and not self.formula.all() else None
         joints = m.actuator_trnid[:, 0] if m.nu else np.zeros(0, int)
@@ -77,21 +89,17 @@ class Runtime:
             none = np.zeros((q.shape[0], 0))
             return Step(q, v, none, none, none, none, none, none, none, self._body_velocity, self.dt)
         length, speed = self.gear * q[:, self.qadr], self.gear * v[:, self.dadr]
-        gain, limits = of(self.gain), of(self.range)
-        bias = np.where(of(self.affine_rows)[..., None], of(self.bias), 0.0)
-        command = clipped(self.model, u)
+        gain, bias = of(self.gain), of(self.bias)
+        low, high, stiffness, damping = map(of, (self.low, self.high, self.stiffness, self.damping))
+        command = np.minimum(np.maximum(u, self.least), self.most)
         slow = gain[..., 0] * command + bias[..., 0] + bias[..., 1] * length
-        free = slow + (bias[..., 2] + bias[..., TAKEN]) * speed
-        f = np.clip(free, limits[..., 0], limits[..., 1])
-        engine = np.clip(slow + bias[..., 2] * speed, limits[..., 0], limits[..., 1]) if self.taken else None
+        free = slow + damping * speed
+        f = np.minimum(np.maximum(free, low), high)
+        engine = np.minimum(np.maximum(slow + bias[..., 2] * speed, low), high) if self.taken else None
         if self.last_force is not None:
             last = of(self.last_force)
             free, f = np.where(self.formula, free, last), np.where(self.formula, f, last)
             engine = None if engine is None else np.where(self.formula, engine, last)
-        low, high, stiffness, damping = (
-            np.broadcast_to(x, f.shape)
-            for x in (limits[..., 0], limits[..., 1], bias[..., 1], bias[..., 2] + bias[..., TAKEN])
-        )
 
         def velocity(body: int) -> Array:
             return of(self._body_velocity(body))

@@ -36,9 +36,9 @@ SURE, TOLD = 6.0, 3.0
 """Deviations by which a zero must differ somewhere, and from which on it then counts."""
 AROUND = 3.0
 """Typical distances from their median within which the training recordings' zeros lie around the model's."""
-HALF = 0.5
+HALF, HOPE = 0.5, 0.8
 """Share of such a recording's usual chi^2 that its own zeros may leave at most, and of all recordings' together theirs:
-else zeros only take a part of something else."""
+else zeros only take a part of something else; and share above which that is not looked at further."""
 SLIGHT, SHOWN = 0.1, 8
 """Share of a recording's largest zero below which one is not worth a word, and recordings that a warning lists."""
 
@@ -73,28 +73,30 @@ class _Group:
 def other_zeros(p: Prepared, f: Fitted) -> dict[str, Array]:
     """By how much the encoders of a recording read more [nq] (rad or m) than they should, where recordings differ.
 
-    The parameters of `f`, with friction, damping and rotor inertia in every joint, are fitted to the training
-    recordings, and the zeros of each recording to its own windows, in turn. Nothing is said of machines whose parts
-    strike each other: impacts tell zeros badly.
+    The zeros of each recording are fitted to its own windows, and where that promises something in turn with the
+    parameters of `f`, and of friction, damping and rotor inertia in every joint, which are fitted to the training
+    recordings. Nothing is said of machines whose parts strike each other: impacts tell zeros badly.
     """
     group = None if p.sim.rugged(f.hypothesis) else _group(p)
     if group is None:
         return {}
     common, zeros = np.zeros(len(group.columns)), np.zeros((group.train.size, len(group.columns)))
-    f = _with_plain(p, f)
-    for _ in range(ROUNDS):
-        train = group.less(zeros - common).take(group.train[group.of])
-        f = fit(p.sim, [f], train, _white(p, f, train), iterations=ITERATIONS)[0]
+    for k in range(1 + ROUNDS):
+        if k:
+            train = group.less(zeros - common).take(group.train[group.of])
+            f = fit(p.sim, [_with_plain(p, f)], train, _white(p, f, train), iterations=ITERATIONS)[0]
         white = _white(p, f, group.less(zeros))
         for _ in range(STEPS):
             zeros, deviation = _step(p, f, group, white, zeros)
         common = _common(zeros[group.train])
-    own, shared = (
-        group.usual(white.excess(_flat(p, f, white, group.less(z)))) for z in (zeros, 0.0 * zeros + common)
-    )
+        own, shared = (
+            group.usual(white.excess(_flat(p, f, white, group.less(z))))
+            for z in (zeros, 0.0 * zeros + common)
+        )
+        if own.sum() > (HALF if k == ROUNDS else HOPE) * shared.sum():
+            return {}
     apart = np.abs(zeros - common) / deviation
-    odd = (apart.max(1) > SURE) & (own < HALF * shared)
-    if not odd.any() or own.sum() > HALF * shared.sum():
+    if not ((apart.max(1) > SURE) & (own < HALF * shared)).any():
         return {}
     out = {}
     for r in np.flatnonzero(apart.max(1) > TOLD):
@@ -135,8 +137,7 @@ def describe_zeros(p: Prepared, zeros: dict[str, Array]) -> str:
 
 def _with_plain(p: Prepared, f: Fitted) -> Fitted:
     """`f` with friction, damping and rotor inertia in every joint: what it has not found yet is not to shift zeros."""
-    parts, centres = (f.hypothesis.split(p.ctx, x) for x in (f.theta, f.centre))
-    hypothesis = f.hypothesis
+    hypothesis, parts, centres = f.hypothesis, *(f.hypothesis.split(p.ctx, x) for x in (f.theta, f.centre))
     for term in (Term(i, j) for i in PLAIN for j in _joints(p)):
         if compatible(hypothesis, term):
             hypothesis = hypothesis.with_term(term)
