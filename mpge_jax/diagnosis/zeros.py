@@ -36,9 +36,9 @@ SURE, TOLD = 6.0, 3.0
 """Deviations by which a zero must differ somewhere, and from which on it then counts."""
 AROUND = 3.0
 """Typical distances from their median within which the training recordings' zeros lie around the model's."""
-HALF, HOPE = 0.5, 0.8
+HALF = 0.5
 """Share of such a recording's usual chi^2 that its own zeros may leave at most, and of all recordings' together theirs:
-else zeros only take a part of something else; and share above which that is not looked at further."""
+else zeros only take a part of something else."""
 SLIGHT, SHOWN = 0.1, 8
 """Share of a recording's largest zero below which one is not worth a word, and recordings that a warning lists."""
 
@@ -73,7 +73,7 @@ class _Group:
 def other_zeros(p: Prepared, f: Fitted) -> dict[str, Array]:
     """By how much the encoders of a recording read more [nq] (rad or m) than they should, where recordings differ.
 
-    The zeros of each recording are fitted to its own windows, and where that promises something in turn with the
+    The zeros of each recording are fitted to its own windows, and where that helps one of them, in turn with the
     parameters of `f`, and of friction, damping and rotor inertia in every joint, which are fitted to the training
     recordings. Nothing is said of machines whose parts strike each other: impacts tell zeros badly.
     """
@@ -93,10 +93,10 @@ def other_zeros(p: Prepared, f: Fitted) -> dict[str, Array]:
             group.usual(white.excess(_flat(p, f, white, group.less(z))))
             for z in (zeros, 0.0 * zeros + common)
         )
-        if own.sum() > (HALF if k == ROUNDS else HOPE) * shared.sum():
+        if not (own < HALF * shared).any():
             return {}
     apart = np.abs(zeros - common) / deviation
-    if not ((apart.max(1) > SURE) & (own < HALF * shared)).any():
+    if not ((apart.max(1) > SURE) & (own < HALF * shared)).any() or own.sum() > HALF * shared.sum():
         return {}
     out = {}
     for r in np.flatnonzero(apart.max(1) > TOLD):
