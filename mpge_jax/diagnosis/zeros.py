@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.candidates import compatible
@@ -17,6 +18,7 @@ from mpge_jax.diagnosis.effects.context import Place, default_places, joint_unit
 from mpge_jax.diagnosis.fit import fit
 from mpge_jax.diagnosis.fitted import Fitted
 from mpge_jax.diagnosis.hypothesis import Term
+from mpge_jax.diagnosis.model import scalar_joints
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.simulate import Run
 from mpge_jax.diagnosis.source import Source
@@ -39,6 +41,10 @@ AROUND = 3.0
 HALF = 0.5
 """Share of such a recording's usual chi^2 that its own zeros may leave at most, and of all recordings' together theirs:
 else zeros only take a part of something else."""
+LARGEST = 0.25
+"""Zeros (rad; of slides, in lengths of the machine) above which something else is taken for them."""
+NEAR = 0.01
+"""Share of a joint's travel within which it is at the end of it."""
 SLIGHT, SHOWN = 0.1, 8
 """Share of a recording's largest zero below which one is not worth a word, and recordings that a warning lists."""
 
@@ -98,8 +104,12 @@ def other_zeros(p: Prepared, f: Fitted) -> dict[str, Array]:
     apart = np.abs(zeros - common) / deviation
     if not ((apart.max(1) > SURE) & (own < HALF * shared)).any() or own.sum() > HALF * shared.sum():
         return {}
+    those = np.flatnonzero(apart.max(1) > TOLD)
+    hinges = np.array([p.model.jnt_type[j.index] == mujoco.mjtJoint.mjJNT_HINGE for j in _joints(p)])
+    if (np.abs(zeros - common)[those] > LARGEST * np.where(hinges, 1.0, p.ctx.length)).any():
+        return {}
     out = {}
-    for r in np.flatnonzero(apart.max(1) > TOLD):
+    for r in those:
         out[group.names[r]] = np.zeros(p.model.nq)
         out[group.names[r]][group.columns] = zeros[r] - common
     return out
@@ -156,6 +166,7 @@ def _group(p: Prepared) -> _Group | None:
     sources, columns = (*p.train_sources, *p.held_sources), [p.ctx.qadr(j) for j in _joints(p)]
     rng = np.random.default_rng([p.config.seed, 29])
     w = cut(sources, p.model, p.noise, p.config.decide_s, WINDOWS, p.dt, rng)
+    w = w.take(~_at_stops(p, w))
     those = np.flatnonzero(np.bincount(w.source, minlength=len(sources)) >= FEWEST)
     train = those < len(p.train_sources)
     if those.size < RECORDINGS or not train.any() or not columns:
@@ -163,6 +174,15 @@ def _group(p: Prepared) -> _Group | None:
     w = w.take(np.isin(w.source, those))
     names = tuple(sources[k].recording.name for k in those)
     return _Group(w, np.searchsorted(those, w.source), train, names, columns)
+
+
+def _at_stops(p: Prepared, w: Windows) -> Array:
+    """Windows [W] in which a joint comes to the end of its travel: they tell where that is, not the zero."""
+    m, out = p.model, np.zeros(w.count, bool)
+    for j in (j for j in scalar_joints(m) if m.jnt_limited[j]):
+        q, (low, high) = w.qpos[..., m.jnt_qposadr[j]], m.jnt_range[j]
+        out |= ((q < low + NEAR * (high - low)) | (q > high - NEAR * (high - low))).any(1)
+    return out
 
 
 def _less(s: Source, zero: Array) -> Source:

@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.fitted import NOTHING
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import Prepared, prepare
 from mpge_jax.diagnosis.recording import validate
-from mpge_jax.diagnosis.zeros import _common, describe_zeros, other_zeros, with_zeros
+from mpge_jax.diagnosis.zeros import _at_stops, _common, describe_zeros, other_zeros, with_zeros
 
 SIZE = [1.5, 0.6]
 
@@ -64,6 +64,18 @@ def test_equal_zeros_and_other_physics_are_no_differences_of_zeros(runs):
         data.qfrc_applied[1] = -0.15 * np.sign(data.qvel[1]) * (abs(data.qpos[1]) < 0.2)
 
     assert not other_zeros(prepared(ARM, record(ARM, SIZE, force=bumpy, count=5)), NOTHING)
+
+
+def test_what_no_zero_is_like_is_not_called_one(runs):
+    assert not other_zeros(prepared(ARM, shifted(runs, {1: [0.6, -0.6]})), NOTHING)
+
+
+def test_windows_in_which_a_joint_comes_to_its_stop_do_not_count(runs):
+    p = prepared(ARM.replace('name="elbow"', 'name="elbow" limited="true" range="-50 50"'), runs)
+    w = p.windows(False, p.config.decide_s, 100)
+    ends = (np.abs(w.qpos[..., 1]) > 0.98 * np.deg2rad(50)).any(1)
+    assert 0 < ends.sum() < w.count
+    np.testing.assert_array_equal(_at_stops(p, w), ends)
 
 
 def test_nothing_is_said_of_machines_that_strike_things():
