@@ -32,14 +32,13 @@ def load_marks(answers: Path, runs: Path, alone: Path | None = None) -> list[Mar
             continue
         run = json.loads(note.read_text())
         report = _report(runs / answer["case"] / "report", run["status"])
-        seconds = run["seconds"]
         if alone is not None and (again := alone / answer["case"] / "run.json").exists():
-            seconds = (run := json.loads(again.read_text()))["seconds"]
+            run = json.loads(again.read_text())
             if _report(again.parent / "report", run["status"]) != report:
                 raise ValueError(
                     f"{again.parent} answers otherwise than {note.parent}; time the same revision."
                 )
-        marks.append(judge(answer, report, seconds))
+        marks.append(judge(answer, report, run["seconds"]))
     if not marks:
         raise FileNotFoundError(f"no runs in {runs} belong to the answers in {answers}")
     return marks

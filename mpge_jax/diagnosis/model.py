@@ -190,7 +190,12 @@ def command_limits(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
 
 def clipped(model: mujoco.MjModel, ctrl: Any, xp: Any = np) -> Any:
     """Commands [..., nu] within the limits of the actuators that have any; whatever a drive does, it does to these."""
-    return xp.clip(ctrl, *command_limits(model))
+    return within(ctrl, *command_limits(model), xp)
+
+
+def within(x: Any, low: Any, high: Any, xp: Any = np) -> Any:
+    """`clip`, of which numpy's takes several times as long for so few numbers as are clipped at every step."""
+    return xp.minimum(xp.maximum(x, low), high)
 
 
 def is_scalar(model: mujoco.MjModel, joint: int) -> bool:

@@ -12,7 +12,14 @@ from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.effects.base import Context, Forces, Step
 from mpge_jax.diagnosis.hypothesis import Term
-from mpge_jax.diagnosis.model import TAKEN, command_limits, free_inertia, has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.model import (
+    TAKEN,
+    command_limits,
+    free_inertia,
+    has_plain_law,
+    is_joint_transmission,
+    within,
+)
 from mpge_jax.diagnosis.windows import Windows
 
 Array = np.ndarray
@@ -91,11 +98,11 @@ class Runtime:
         length, speed = self.gear * q[:, self.qadr], self.gear * v[:, self.dadr]
         gain, bias = of(self.gain), of(self.bias)
         low, high, stiffness, damping = map(of, (self.low, self.high, self.stiffness, self.damping))
-        command = np.minimum(np.maximum(u, self.least), self.most)
+        command = within(u, self.least, self.most)
         slow = gain[..., 0] * command + bias[..., 0] + bias[..., 1] * length
         free = slow + damping * speed
-        f = np.minimum(np.maximum(free, low), high)
-        engine = np.minimum(np.maximum(slow + bias[..., 2] * speed, low), high) if self.taken else None
+        f = within(free, low, high)
+        engine = within(slow + bias[..., 2] * speed, low, high) if self.taken else None
         if self.last_force is not None:
             last = of(self.last_force)
             free, f = np.where(self.formula, free, last), np.where(self.formula, f, last)

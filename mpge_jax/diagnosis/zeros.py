@@ -55,13 +55,14 @@ class _Group:
 
     Attributes:
         windows: of all of them. of: [W] to which of the R each belongs. train: [R] whether that is a training
-            recording. names: of the R. columns: [J] of qpos, those of the joints.
+            recording. names: of the R. joints: J of them. columns: [J] of qpos, theirs.
     """
 
     windows: Windows
     of: Array
     train: Array
     names: tuple[str, ...]
+    joints: list[Place]
     columns: list[int]
 
     def less(self, zeros: Array) -> Windows:
@@ -105,7 +106,7 @@ def other_zeros(p: Prepared, f: Fitted) -> dict[str, Array]:
     if not ((apart.max(1) > SURE) & (own < HALF * shared)).any() or own.sum() > HALF * shared.sum():
         return {}
     those = np.flatnonzero(apart.max(1) > TOLD)
-    hinges = np.array([p.model.jnt_type[j.index] == mujoco.mjtJoint.mjJNT_HINGE for j in _joints(p)])
+    hinges = np.array([p.model.jnt_type[j.index] == mujoco.mjtJoint.mjJNT_HINGE for j in group.joints])
     if (np.abs(zeros - common)[those] > LARGEST * np.where(hinges, 1.0, p.ctx.length)).any():
         return {}
     out = {}
@@ -163,17 +164,17 @@ def _joints(p: Prepared) -> list[Place]:
 
 def _group(p: Prepared) -> _Group | None:
     """What recordings can be compared by."""
-    sources, columns = (*p.train_sources, *p.held_sources), [p.ctx.qadr(j) for j in _joints(p)]
+    sources, joints = (*p.train_sources, *p.held_sources), _joints(p)
     rng = np.random.default_rng([p.config.seed, 29])
     w = cut(sources, p.model, p.noise, p.config.decide_s, WINDOWS, p.dt, rng)
     w = w.take(~_at_stops(p, w))
     those = np.flatnonzero(np.bincount(w.source, minlength=len(sources)) >= FEWEST)
     train = those < len(p.train_sources)
-    if those.size < RECORDINGS or not train.any() or not columns:
+    if those.size < RECORDINGS or not train.any() or not joints:
         return None
     w = w.take(np.isin(w.source, those))
     names = tuple(sources[k].recording.name for k in those)
-    return _Group(w, np.searchsorted(those, w.source), train, names, columns)
+    return _Group(w, np.searchsorted(those, w.source), train, names, joints, [p.ctx.qadr(j) for j in joints])
 
 
 def _at_stops(p: Prepared, w: Windows) -> Array:

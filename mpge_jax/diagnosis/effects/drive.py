@@ -10,7 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-from mpge_jax.diagnosis.model import TAKEN, actuators_of_joint, has_plain_law, rotor_inertia
+from mpge_jax.diagnosis.model import TAKEN, actuators_of_joint, has_plain_law, rotor_inertia, within
 
 SUBSTEPS = 4
 """Steps of the motor in one of the engine."""
@@ -53,7 +53,7 @@ class _Motors:
             gear, limits = float(m.actuator_gear[a, 0]), (s.force_low[..., a], s.force_high[..., a])
             self.direct = self.direct + gear * applied[..., a]
             if m.actuator_biastype[a] != mujoco.mjtBias.mjBIAS_AFFINE:
-                self._held = self._held + gear * _within(xp, s.f_free[..., a], *limits)
+                self._held = self._held + gear * within(s.f_free[..., a], *limits, xp)
                 continue
             slopes = gear * s.f_position[..., a], gear * s.f_velocity[..., a]
             self._servos.append((gear, s.f_free[..., a], slopes, *limits))
@@ -64,15 +64,10 @@ class _Motors:
         total, hold, brake = self._held, 0.0, 0.0
         for gear, force, (by_angle, by_speed), low, high in self._servos:
             free = force + by_angle * ahead + by_speed * slip
-            f = _within(xp, free, low, high)
+            f = within(free, low, high, xp)
             follows = xp.where(free == f, gear, 0.0)
             total, hold, brake = total + gear * f, hold - follows * by_angle, brake - follows * by_speed
         return total, hold, brake
-
-
-def _within(xp: Any, x: Array, low: Array, high: Array) -> Array:
-    """`clip`, of which numpy's takes several times as long for so few numbers."""
-    return xp.minimum(xp.maximum(x, low), high)
 
 
 class Drive(Effect):
