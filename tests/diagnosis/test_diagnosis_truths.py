@@ -83,6 +83,39 @@ def test_a_spring_behind_a_servo_moves_like_two_bodies(integrator, kp, kv, limit
     assert error < 0.15 * size
 
 
+def test_behind_a_spring_back_emf_slows_the_motor_and_not_the_link():
+    """With it the machine is nearer to two bodies than with a spring, or a back-EMF, alone."""
+    motor = '<general name="motor" joint="{}" gainprm="1" biastype="affine" biasprm="0 0 {}"/>'
+    nominal = f"""<mujoco><option timestep="0.002"/><worldbody><body name="arm">
+    <joint name="hinge" axis="0 1 0" armature="0.02"/>{LINK}</body></worldbody>
+    <actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
+    truth = f"""<mujoco><option timestep="0.0001"/><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>{LINK}
+    </body><body name="rotor"><joint name="shaft" axis="0 1 0" armature="0.02"/>
+    <geom size=".001" mass="1e-6" contype="0" conaffinity="0"/></body></worldbody>
+    <tendon><fixed name="spring" stiffness="5" damping=".1" springlength="0"><joint joint="shaft" coef="1"/>
+    <joint joint="hinge" coef="-1"/></fixed></tendon><actuator>{motor.format("shaft", -0.6)}</actuator></mujoco>"""
+    spring = _entry("joint_flexibility", "hinge", "joint", stiffness=5.0, damping=0.1)
+    braked = _entry("back_emf", "motor", "actuator", coefficient=0.6)
+    model = mujoco.MjModel.from_xml_string(truth)
+    data = mujoco.MjData(model)
+    steppers = [
+        CorrectedModel.build(mujoco.MjSpec.from_string(nominal), entries).c_stepper()
+        for entries in ([spring, braked], [spring], [braked])
+    ]
+    for stepper in steppers:
+        stepper.reset(np.zeros(1), np.zeros(1))
+    errors = []
+    for k in range(400):
+        u = np.array([1.5 * np.sign(np.sin(0.06 * k)) if k > 5 else 0.0])
+        data.ctrl[:] = u
+        mujoco.mj_step(model, data, 20)
+        for stepper in steppers:
+            stepper.step(u)
+        errors.append([stepper.data.qpos[0] - data.qpos[0] for stepper in steppers])
+    both, spring_only, braked_only = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert both < 0.15 * min(spring_only, braked_only)
+
+
 def test_behind_a_servo_the_motor_rests_where_spring_or_gap_and_servo_agree():
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
     place, one = Place("joint", "hinge", 0), np.ones(1)

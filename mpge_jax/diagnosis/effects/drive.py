@@ -52,11 +52,12 @@ class _Motors:
         for a in actuators_of_joint(m, place.index):
             gear, limits = float(m.actuator_gear[a, 0]), (s.force_low[..., a], s.force_high[..., a])
             self.direct = self.direct + gear * applied[..., a]
-            if m.actuator_biastype[a] != mujoco.mjtBias.mjBIAS_AFFINE:
-                self._held = self._held + gear * within(s.f_free[..., a], *limits, xp)
-                continue
             slopes = gear * s.f_position[..., a], gear * s.f_velocity[..., a]
-            self._servos.append((gear, s.f_free[..., a], slopes, *limits))
+            # not asked of the model: other effects may give a plain motor a slope
+            if xp is np and not any(map(np.any, slopes)):
+                self._held = self._held + gear * within(s.f_free[..., a], *limits)
+            else:
+                self._servos.append((gear, s.f_free[..., a], slopes, *limits))
 
     def torque(self, xp: Any, ahead: Array, slip: Array) -> tuple[Array, Array, Array]:
         """Their torque where they are ahead of the observed link, in angle and speed, and by how much it falls with
