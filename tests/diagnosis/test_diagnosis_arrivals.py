@@ -21,7 +21,7 @@ PERIOD, STEP = 0.01, 0.0005
 FINE = PENDULUM.replace('timestep="0.002"', f'timestep="{STEP}"')
 
 
-def _recordings(delay: float, friction: float = 0.0) -> list[Recording]:
+def _recordings(delay: float, friction: float = 0.0, rows_each: int = 300) -> list[Recording]:
     """A motor that obeys late, with its force at every row."""
     rng, out, late = np.random.default_rng(0), [], round(delay / STEP)
     model = mujoco.MjModel.from_xml_string(FINE)
@@ -29,7 +29,7 @@ def _recordings(delay: float, friction: float = 0.0) -> list[Recording]:
     per = round(PERIOD / STEP)
     for k in range(4):
         data, rows, sent = mujoco.MjData(model), [], []
-        for i in range(300):
+        for i in range(rows_each):
             u = excitation(k % 2 * 2, i * PERIOD, np.array([k]), np.array([0.8]))
             sent += [u] * per
             for j in range(per):
@@ -57,7 +57,10 @@ def test_the_motion_tells_where_between_rows_a_delay_lies(delay):
 
 
 def test_friction_that_the_model_lacks_too_does_not_shift_the_delay():
-    found = diagnose(mujoco.MjSpec.from_string(FINE), _recordings(0.0125, friction=0.1), Config(jobs=1))
+    # few candidates and rows: steps as fine as these take long
+    effects = ("coulomb_friction", "viscous_damping", "actuator_delay", "actuator_lag", "armature")
+    config = Config(jobs=1, effects=effects)
+    found = diagnose(mujoco.MjSpec.from_string(FINE), _recordings(0.0125, 0.1, rows_each=120), config)
     entries = {e["id"]: e["parameters"] for e in found.to_json()["effects"]}
     assert set(entries) == {"coulomb_friction", "actuator_delay"}
     assert entries["actuator_delay"]["delay"]["value"] == pytest.approx(0.0125, abs=0.0005)
