@@ -82,9 +82,11 @@ def main(argv: list[str] | None = None) -> int:
         columns = None if args.map is None else load(args.map)
         config = _config(args)
         _check_out(args.out)
-        result = diagnose(args.model, args.recordings, config, columns, args.out / ".progress.json")
+        progress = args.out / ".progress.json"
+        result = diagnose(args.model, args.recordings, config, columns, progress)
         try:
             result.write(args.out)
+            progress.unlink(missing_ok=True)
         except OSError as error:
             raise InputError(f"cannot write to --out {args.out}: {error.strerror or error}.") from None
     except InputError as error:

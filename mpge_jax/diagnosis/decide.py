@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.polish import polished
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.rigid import name_nearest
 from mpge_jax.diagnosis.rivals import better_rival, find_rivals
-from mpge_jax.diagnosis.scored import Rival, Scored
+from mpge_jax.diagnosis.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.search import search
 from mpge_jax.diagnosis.select import Search
 
@@ -89,7 +89,7 @@ def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term
         if better is None or not left:
             break
         s.log.append(f"exchanged: {f.hypothesis} -> {better.fit.hypothesis}")
-        s.resume = better.fit
+        s.resume = Reached(better.fit)
         f, last = search(s)
     if f.theta.size and s.sim.rugged(f.hypothesis):
         s.say("refining parameters")

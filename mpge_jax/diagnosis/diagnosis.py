@@ -37,7 +37,7 @@ from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.prepare import Prepared, prepare, with_drives
 from mpge_jax.diagnosis.reader import load_recordings
 from mpge_jax.diagnosis.recording import Recording, chain_transitions, from_zero, unwrapped, validate
-from mpge_jax.diagnosis.scored import Rival
+from mpge_jax.diagnosis.scored import Reached, Rival
 from mpge_jax.diagnosis.select import Search
 from mpge_jax.diagnosis.staleness import staleness
 from mpge_jax.diagnosis.zeros import describe_zeros, other_zeros, with_zeros
@@ -144,7 +144,8 @@ def diagnose(
         model: path of an MJCF file, or an MjSpec.
         recordings: files, folders, or `Recording`s in SI units.
         config: settings. columns: renaming and conversion of columns (the content of `--map`).
-        progress: file that keeps the state of the search, so that an interrupted one goes on; removed at the end.
+        progress: file that keeps the state of the search, so that an interrupted one goes on; yours to remove when
+            the result is safe.
 
     Raises:
         InputError: the input cannot be used; the message says what to do.
@@ -172,8 +173,6 @@ def diagnose(
             )
     prepared = prepare(spec, checked, config)
     result = _diagnose(prepared, plain, say, progress)
-    if progress is not None:
-        progress.unlink(missing_ok=True)
     result.seconds = time.monotonic() - began
     return result
 
@@ -240,7 +239,7 @@ def _diagnose(p: Prepared, plain: mujoco.MjModel, say: _Progress, progress: Path
 def _once_more(p: Prepared, s: Search, found: Decision, say: _Progress) -> tuple[Prepared, Search, Decision]:
     """The decision on recordings that are read otherwise than in `s`, from what was found there on."""
     again = build_search(p, say, p.config.decide_s)
-    again.log, again.resume = s.log, found.fit
+    again.log, again.resume = s.log, Reached(found.fit)
     return p, again, decide(p, again, say)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Place
 from mpge_jax.diagnosis.evidence import deviations, rare, standard_error
-from mpge_jax.diagnosis.fitted import Fitted
+from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Term
 from mpge_jax.diagnosis.screen import ELABORATE
 
@@ -39,6 +39,19 @@ class Scored:
     @property
     def complexity(self) -> tuple[float, ...]:
         return (self.directions + 0.75 * self.tier, self.fit.theta.size)
+
+
+@dataclass(frozen=True)
+class Reached:
+    """Where a search is.
+
+    Attributes:
+        fit: what was accepted so far. last: what was ranked beside its last effect. first: beside its first.
+    """
+
+    fit: Fitted = NOTHING
+    last: tuple[Scored, ...] = ()
+    first: tuple[Scored, ...] = ()
 
 
 @dataclass

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.evidence import deviations
 from mpge_jax.diagnosis.fit import fit
 from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis
-from mpge_jax.diagnosis.scored import Scored, family, with_simpler
+from mpge_jax.diagnosis.scored import Reached, Scored, family, with_simpler
 from mpge_jax.diagnosis.select import SIGNIFICANT, Search
 
 FAR = 2.5
@@ -21,9 +21,11 @@ REST = 2.0
 
 def search(s: Search) -> tuple[Fitted, list[Scored]]:
     """Forward selection with a small beam in the first two rounds; returns the fit and the last round's field."""
-    current = s.resume or NOTHING
-    last: list[Scored] = []
-    first_round: list[Scored] = []
+    current, last, first_round = s.resume.fit, list(s.resume.last), list(s.resume.first)
+
+    def keep() -> None:
+        s.keep(Reached(current, tuple(last), tuple(first_round)))
+
     began, rounds = time.monotonic(), 0
     while s.terms and len(current.hypothesis.terms) < s.max_terms:
         depth = len(current.hypothesis.terms)
@@ -36,6 +38,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
             if wider is current:
                 break
             current = wider
+            keep()
             continue
         chosen = s.choose(ranked, current.hypothesis)
         s.log.append(
@@ -50,13 +53,14 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
                 if (pair := _only_together(s, chosen, base)) is not None:
                     chosen, last = pair
                     current = chosen.fit
-                    s.keep(current)
+                    keep()
                     continue
                 last = last or ranked
                 wider = _wider(s, current)
                 if wider is current:
                     break
                 current = wider
+                keep()
                 continue
         last = ranked
         if depth == 0:
@@ -64,12 +68,12 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
             alternatives = _beam(ranked, chosen)
             if chosen.losses.mean() > FAR and len(alternatives) > 1:
                 current, last = _second_round(s, chosen, alternatives)
-                s.keep(current)
+                keep()
                 continue
         current = chosen.fit
         if depth + 1 == AFTER:
             current = everywhere(s, current)
-        s.keep(current)
+        keep()
     return current, last or first_round
 
 
@@ -93,12 +97,7 @@ def _only_together(s: Search, chosen: Scored, base: Scored) -> tuple[Scored, lis
 
 def _wider(s: Search, current: Fitted) -> Fitted:
     """`current`, or what a look at all joints together finds where two plain effects of joints were found; once."""
-    if s.looked or not drives_lack(current):
-        return current
-    found = everywhere(s, current)
-    if found is not current:
-        s.keep(found)
-    return found
+    return current if s.looked or not drives_lack(current) else everywhere(s, current)
 
 
 def _time_left(began: float, rounds: int) -> str:

@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.fitted import NOTHING, Fitted
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.left import remainder
 from mpge_jax.diagnosis.rigid import one_of_each
-from mpge_jax.diagnosis.scored import Scored, clearly_worse, hopeful, misses, with_simpler
+from mpge_jax.diagnosis.scored import Reached, Scored, clearly_worse, hopeful, misses, with_simpler
 from mpge_jax.diagnosis.screen import screen
 from mpge_jax.diagnosis.simulate import Run, Simulator
 from mpge_jax.diagnosis.states import Noise
@@ -56,7 +56,7 @@ class Search:
     """Everything that the selection needs.
 
     Attributes:
-        train, held: windows. terms: candidates. say: progress callback. keep: called with every accepted fit,
+        train, held: windows. terms: candidates. say: progress callback. keep: called after every accepted fit,
         so that an interrupted search can go on. resume: where to go on. typical: how many of the training windows,
         the first ones, were drawn at random; the others were chosen because the nominal model misses most there.
         looked: whether all joints were looked at together (`dense.everywhere`), which is done once.
@@ -73,8 +73,8 @@ class Search:
     say: Callable[[str], None] = lambda _text: None
     max_terms: int = 6
     log: list[str] = field(default_factory=list)
-    keep: Callable[[Fitted], None] = lambda _fit: None
-    resume: Fitted | None = None
+    keep: Callable[[Reached], None] = lambda _reached: None
+    resume: Reached = field(default_factory=Reached)
     typical: int | None = None
     looked: bool = False
     floor: Callable[[Fitted], Floor] | None = None

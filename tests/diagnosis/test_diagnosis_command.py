@@ -323,22 +323,26 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatc
     import mpge_jax.diagnosis.diagnosis as whole
 
     out = tmp_path / "out"
-    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out", str(out)]
-    arguments += ["--effects", "coulomb_friction", "--jobs", "1", "--quiet"]
+    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--jobs", "1", "--quiet"]
+    arguments += ["--effects", "coulomb_friction", "viscous_damping", "armature", "--out"]
+    assert main([*arguments, str(tmp_path / "whole")]) == 0
+    arguments.append(str(out))
 
     def interrupt(*_args):
         raise KeyboardInterrupt
 
-    with monkeypatch.context() as patch:
-        patch.setattr(decisions, "find_rivals", interrupt)
-        assert main(arguments) == 130
-    assert "go on" in capsys.readouterr().err
+    for module, part in ((whole.Diagnosis, "write"), (decisions, "find_rivals")):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, part, interrupt)
+            assert main(arguments) == 130
+        assert "go on" in capsys.readouterr().err
+        assert (out / ".progress.json").exists()
     kept = json.loads((out / ".progress.json").read_text())
-    assert [t["id"] for t in kept["terms"]] == ["coulomb_friction"] and kept["work"] > 0
+    assert [t["id"] for t in kept["fit"]["terms"]] == ["coulomb_friction"] and kept["work"] > 0
     assert kept["looked"] is False
 
     short = tmp_path / "short.json"
-    short.write_text(json.dumps({**kept, "theta": [], "centre": []}))
+    short.write_text(json.dumps({**kept, "fit": {**kept["fit"], "theta": [], "centre": []}}))
     works, attach = [], whole.resume.attach
     monkeypatch.setattr(
         whole.resume, "attach", lambda s, p, path: (attach(s, p, path), works.append(p.sim.work))
@@ -352,5 +356,6 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatc
     assert works == [kept["work"]]
     search = build_search(logs[0].prepared, lambda _text: None, 0.25)
     attach(search, logs[0].prepared, short)
-    assert search.resume is None
+    assert not search.resume.fit.hypothesis.terms
     assert not (out / ".progress.json").exists()
+    assert (out / "diagnosis.json").read_bytes() == (tmp_path / "whole" / "diagnosis.json").read_bytes()
