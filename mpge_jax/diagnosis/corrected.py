@@ -114,14 +114,14 @@ class CStepper:
         self.data = mujoco.MjData(self.model)
         self._commands: tuple[Any, ...] | None = None
         self._forces: tuple[Any, ...] | None = None
-        self._past: list[tuple[float, np.ndarray]] = []
+        self._past: list[tuple[float, np.ndarray, np.ndarray]] = []
 
     def reset(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = qpos, qvel
         mujoco.mj_forward(self.model, self.data)
         self._commands = self._forces = None
-        self._past = [(0.0, np.array(qpos, dtype=float))]
+        self._past = [(0.0, self.data.qpos.copy(), self.data.qvel.copy())]
 
     def _body_velocity(self, body: int) -> np.ndarray:
         root = int(self.model.body_rootid[body])
@@ -159,14 +159,23 @@ class CStepper:
             if self.model.nu:
                 d.ctrl[:] = applied.ctrl
             mujoco.mj_step(self.model, d)
-            self._past.append((float(d.time), d.qpos.copy()))
+            self._past.append((float(d.time), d.qpos.copy(), d.qvel.copy()))
 
     def measured(self) -> np.ndarray:
         """Positions [nq] as the encoders report them (offset and delay included)."""
         out = self.data.qpos.copy()
-        times = np.array([t for t, _ in self._past])
         for column, (offset, delay) in self.machine.senses().items():
             if delay:
-                out[column] = np.interp(self.data.time - delay, times, [q[column] for _, q in self._past])
+                out[column] = self._before(delay, [q[column] for _, q, _ in self._past])
             out[column] += offset
         return out
+
+    def measured_speed(self) -> np.ndarray:
+        """Velocities [nv] as the encoders report them (delay included)."""
+        out = self.data.qvel.copy()
+        for dof, delay in self.machine.late_speeds().items():
+            out[dof] = self._before(delay, [v[dof] for _, _, v in self._past])
+        return out
+
+    def _before(self, delay: float, values: list[float]) -> float:
+        return float(np.interp(self.data.time - delay, [t for t, _, _ in self._past], values))

@@ -22,7 +22,8 @@ class CorrectedData:
 
     Attributes:
         inner: MJX data of the true state. qpos [nq], qvel [nv]: as measured. time: s.
-        commands, forces: memories of the effects. past: [H, nq] positions of the last steps, newest first.
+        commands, forces: memories of the effects. past: [H, nq + nv] positions and velocities of the last steps, newest
+            first.
         started: whether the command memories hold real commands yet.
     """
 
@@ -64,7 +65,7 @@ class CorrectedEngine:
         zero = jnp.zeros(self.model.nu, data.qpos.dtype)
         commands = stepping.command_start(jnp, self.machine, zero, self._dt)
         forces = stepping.force_start(jnp, self.machine, self._observe(data, zero))
-        past = jnp.tile(data.qpos, (self._history, 1))
+        past = jnp.tile(jnp.concatenate([data.qpos, data.qvel]), (self._history, 1))
         return self._wrap(data, commands, forces, past, jnp.zeros((), bool))
 
     def step(self, data: CorrectedData, ctrl: jax.Array, count: int) -> CorrectedData:
@@ -95,7 +96,7 @@ class CorrectedEngine:
         )  # fmt: skip
         with jax.numpy_rank_promotion("allow"):  # MJX relies on it
             data = mjx.step(model, data)
-        past = jnp.concatenate([data.qpos[None], past[:-1]])
+        past = jnp.concatenate([jnp.concatenate([data.qpos, data.qvel])[None], past[:-1]])
         return data, commands, forces, past
 
     def _observe(self, data: Any, ctrl: jax.Array) -> Any:
@@ -124,15 +125,15 @@ class CorrectedEngine:
     def _wrap(
         self, data: Any, commands: Any, forces: Any, past: jax.Array, started: jax.Array
     ) -> CorrectedData:
-        measured = data.qpos
+        qpos, qvel = data.qpos, data.qvel
         for column, (offset, delay) in self.machine.senses().items():
-            steps = delay / self._dt
-            whole = int(np.floor(steps))
-            part = steps - whole
-            value = past[0, column]
-            if steps > 0:
-                value = (1 - part) * past[whole, column] + part * past[
-                    min(whole + 1, self._history - 1), column
-                ]
-            measured = measured.at[column].set(value + offset)
-        return CorrectedData(data, measured, data.qvel, data.time, commands, forces, past, started)
+            qpos = qpos.at[column].set(self._before(past[:, column], delay) + offset)
+        for dof, delay in self.machine.late_speeds().items():
+            qvel = qvel.at[dof].set(self._before(past[:, self.model.nq + dof], delay))
+        return CorrectedData(data, qpos, qvel, data.time, commands, forces, past, started)
+
+    def _before(self, past: jax.Array, delay: float) -> jax.Array:
+        """What one of `past` [H] was `delay` seconds ago, between two steps."""
+        whole, part = divmod(delay / self._dt, 1.0)
+        k = int(whole)
+        return past[0] if delay <= 0 else (1 - part) * past[k] + part * past[min(k + 1, self._history - 1)]

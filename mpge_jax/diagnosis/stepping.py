@@ -77,6 +77,12 @@ class Machine:
                 out[column] = (old[0] + float(new[0]), old[1] + float(new[1]))
         return out
 
+    def late_speeds(self) -> dict[int, float]:
+        """Delay (s) of what sensors report of a speed, by column of qvel: that of the position."""
+        joints = self.model.dof_jntid
+        columns = {int(self.model.jnt_qposadr[joint]): dof for dof, joint in enumerate(joints)}
+        return {columns[column]: delay for column, (_, delay) in self.senses().items() if delay}
+
     def dry_dofs(self) -> list[int]:
         """Degrees of freedom whose dry friction is set at every step."""
         return [self.ctx.dof(t.place) for t, _ in self.runtime if "dof_frictionloss" in t.effect.fields]

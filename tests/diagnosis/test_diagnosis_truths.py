@@ -189,15 +189,18 @@ def test_a_sensor_may_be_late_and_off():
     corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), entries)
     stepper, engine = corrected.c_stepper(), corrected.jax_engine()
     stepper.reset(np.array([0.5]), np.zeros(1))
-    past = []
+    past, speeds = [], []
     data = jax.jit(engine.init)(np.array([0.5]), np.zeros(1))
     step = jax.jit(engine.step, static_argnums=2)
     for _ in range(20):
         past.append(float(stepper.data.qpos[0]))
+        speeds.append(float(stepper.data.qvel[0]))
         stepper.step(np.array([0.2]))
         data = step(data, np.array([0.2]), 1)
     assert stepper.measured()[0] == pytest.approx(past[-5] + 0.3, abs=1e-9)
     assert float(data.qpos[0]) == pytest.approx(stepper.measured()[0], abs=1e-4)
+    assert stepper.measured_speed()[0] == pytest.approx(speeds[-5], abs=1e-9) != stepper.data.qvel[0]
+    assert float(data.qvel[0]) == pytest.approx(speeds[-5], abs=1e-3)
 
 
 def test_delays_are_exported_as_fine_as_they_were_fitted():
