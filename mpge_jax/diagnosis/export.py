@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -52,12 +53,16 @@ def write_models(d: Diagnosis, folder: Path) -> None:
     files.write_text(folder / NOMINAL, _text(nominal, folder))
     spec, native = corrected_spec(d)
     spec.compile()
-    text = _text(spec, folder)
     missing = [f"{t.name} at {t.place.name}" for t, ok in native.items() if not ok]
-    if missing:
-        listed = "; ".join(missing).replace("--", "- -")
-        text = text.replace(">", f">\n  <!-- MuJoCo has no element for: {listed}. See effects.json. -->", 1)
-    files.write_text(folder / CORRECTED, text)
+    files.write_text(folder / CORRECTED, with_comment(_text(spec, folder), missing))
+
+
+def with_comment(xml: str, missing: list[str]) -> str:
+    """A model that says which effects it lacks."""
+    # a comment holds no two hyphens in a row
+    listed = re.sub("-(?=-)", "- ", "; ".join(missing))
+    comment = f"\n  <!-- MuJoCo has no element for: {listed}. See effects.json. -->"
+    return xml.replace(">", f">{comment}", 1) if missing else xml
 
 
 def _text(spec: mujoco.MjSpec, folder: Path) -> str:

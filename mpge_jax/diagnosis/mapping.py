@@ -47,7 +47,7 @@ def load(path: Path) -> dict[str, Any]:
         raise InputError(f"cannot read the map {path}: {error}.") from None
     try:
         data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # dates that are none
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f" (line {mark.line + 1}, column {mark.column + 1})"
         raise InputError(f"the map {path.name} is not valid YAML{where}; correct it.") from None
@@ -114,23 +114,24 @@ def apply(
         entry = {"from": entry} if isinstance(entry, str) else entry
         if not isinstance(entry, dict) or "from" not in entry:
             raise InputError(f"map: '{target}' needs 'from' (what the file calls it).")
-        if entry["from"] not in raw:
+        title = str(entry["from"])
+        if title not in raw:
             raise InputError(
-                f"{path.name}: the map's '{entry['from']}' is not in the file (it has {', '.join(titles)})."
+                f"{path.name}: the map's '{title}' is not in the file (it has {', '.join(titles)})."
             )
-        if raw[entry["from"]].dtype.kind not in "fiub":
-            raise InputError(f"{path.name}: the map's '{entry['from']}' does not hold plain numbers.")
-        value = np.asarray(raw[entry["from"]], dtype=float)
+        if raw[title].dtype.kind not in "fiub":
+            raise InputError(f"{path.name}: the map's '{title}' does not hold plain numbers.")
+        value = np.asarray(raw[title], dtype=float)
         if value.ndim not in (1, 2):
             raise InputError(
-                f"{path.name}: the map's '{entry['from']}' has {value.ndim} dimensions; columns have one, tables two."
+                f"{path.name}: the map's '{title}' has {value.ndim} dimensions; columns have one, tables two."
             )
         if value.ndim == 2:
             column = entry.get("column", 0)
             if not isinstance(column, int) or not 0 <= column < value.shape[1]:
                 raise InputError(f"map: '{target}' needs a column between 0 and {value.shape[1] - 1}.")
             value = value[:, column]
-        unit = entry.get("unit", "rad")
+        unit = str(entry.get("unit", "rad"))
         if unit not in _SCALES:
             raise InputError(f"map: '{target}' has the unknown unit '{unit}' (known: {', '.join(_SCALES)}).")
         try:

@@ -15,6 +15,8 @@ from mpge_jax.diagnosis.errors import InputError
 TAKEN = 9
 """Where in `actuator_biasprm` the gain on speed of a drive lies that an effect computes in place of the engine, which
 reads the first three numbers only."""
+POSES = 4
+"""Random poses, in which whatever can act on a joint does."""
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -60,6 +62,7 @@ def _replace_what_follows_masses(spec: mujoco.MjSpec) -> None:
     if not derived:
         return
     m = spec.compile()
+    shared = _moved_otherwise(m)
     for a in spec.actuators:
         i, muscle = a.id, m.actuator_gaintype[a.id] == mujoco.mjtGain.mjGAIN_MUSCLE
         if muscle and a.gainprm[2] < 0:
@@ -72,7 +75,7 @@ def _replace_what_follows_masses(spec: mujoco.MjSpec) -> None:
             a.biasprm = m.actuator_biasprm[i]
         joint = int(m.actuator_trnid[i, 0])
         alone = is_joint_transmission(m, i) and len(actuators_of_joint(m, joint)) == 1
-        alone &= not m.jnt_actgravcomp[joint] and all(is_joint_transmission(m, k) for k in range(m.nu))
+        alone = alone and not m.jnt_actgravcomp[joint] and not shared[m.jnt_dofadr[joint]]
         gear = float(m.actuator_gear[i, 0])
         if alone and m.jnt_actfrclimited[joint] and gear != 0.0:
             given = m.actuator_forcerange[i] if m.actuator_forcelimited[i] else np.array([-np.inf, np.inf])
@@ -88,6 +91,21 @@ def _replace_what_follows_masses(spec: mujoco.MjSpec) -> None:
     for t in spec.tendons:
         if t.springlength[0] < 0:
             t.springlength = m.tendon_lengthspring[t.id]
+
+
+def _moved_otherwise(m: mujoco.MjModel) -> np.ndarray:
+    """Degrees of freedom [nv] on which tendons, sites or bodies that are driven may act, judged in several poses."""
+    others = np.array([not is_joint_transmission(m, a) for a in range(m.nu)], bool)
+    if (m.actuator_trntype == mujoco.mjtTrn.mjTRN_BODY).any():
+        # adhesion acts where bodies touch, which no pose tells
+        return np.ones(m.nv, bool)
+    out, data, rng = np.zeros(m.nv, bool), mujoco.MjData(m), np.random.default_rng(0)
+    for _ in range(POSES if others.any() else 0):
+        data.qpos[:] = m.qpos0
+        mujoco.mj_integratePos(m, data.qpos, rng.standard_normal(m.nv), 1.0)
+        mujoco.mj_fwdPosition(m, data)
+        out |= (moments(m, data)[others] != 0).any(0)
+    return out
 
 
 def _replace_total_mass(spec: mujoco.MjSpec) -> None:
@@ -124,6 +142,8 @@ def compile_variable(spec: mujoco.MjSpec) -> mujoco.MjModel:
             "the model has actuators with several inputs or outputs (pid, orientation), which are not supported; "
             "replace them by motors or servos."
         )
+    if model.opt.timestep <= 0:
+        raise InputError("the model's timestep is 0; give it one of some milliseconds.")
     if model.nv == 0:
         raise InputError("the model has no joint, so there is nothing to diagnose.")
     return model
@@ -143,21 +163,29 @@ class Names:
 
 
 def names_of(model: mujoco.MjModel) -> Names:
-    """Names of joints, actuators, bodies, geoms. An unnamed actuator goes by its joint, if no other does."""
+    """Names of joints, actuators, bodies, geoms, each once. An unnamed actuator goes by its joint, if no other does."""
 
-    def name(kind: mujoco.mjtObj, i: int, word: str) -> str:
-        return mujoco.mj_id2name(model, kind, i) or f"{word}_{i}"
+    def names(
+        kind: mujoco.mjtObj, count: int, word: str, else_: dict[int, str] | None = None
+    ) -> tuple[str, ...]:
+        given = [mujoco.mj_id2name(model, kind, i) for i in range(count)]
+        taken, out = {name for name in given if name}, []
+        for i, name in enumerate(given):
+            if not name:
+                name = (else_ or {}).get(i, "")
+                while not name or name in taken:
+                    name = f"{name}_" if name.startswith(f"{word}_{i}") else f"{word}_{i}"
+                taken.add(name)
+            out.append(name)
+        return tuple(out)
 
-    joints = tuple(name(mujoco.mjtObj.mjOBJ_JOINT, i, "joint") for i in range(model.njnt))
-    actuators = []
-    for i in range(model.nu):
-        given = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i)
-        if not given and is_joint_transmission(model, i):
-            given = joints[int(model.actuator_trnid[i, 0])]
-        actuators.append(given if given and given not in actuators else f"actuator_{i}")
-    bodies = ("world", *(name(mujoco.mjtObj.mjOBJ_BODY, i, "body") for i in range(1, model.nbody)))
-    geoms = tuple(name(mujoco.mjtObj.mjOBJ_GEOM, i, "geom") for i in range(model.ngeom))
-    return Names(joints, tuple(actuators), bodies, geoms)
+    obj = mujoco.mjtObj
+    joints = names(obj.mjOBJ_JOINT, model.njnt, "joint")
+    direct = [a for a in range(model.nu) if is_joint_transmission(model, a)]
+    by_joint = {a: joints[int(model.actuator_trnid[a, 0])] for a in direct}
+    actuators = names(obj.mjOBJ_ACTUATOR, model.nu, "actuator", by_joint)
+    bodies = ("world", *names(obj.mjOBJ_BODY, model.nbody, "body")[1:])
+    return Names(joints, actuators, bodies, names(obj.mjOBJ_GEOM, model.ngeom, "geom"))
 
 
 def is_joint_transmission(model: mujoco.MjModel, actuator: int) -> bool:
@@ -278,9 +306,7 @@ def moments(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 
 def moving_bodies(model: mujoco.MjModel) -> list[int]:
-    """Bodies that can move and carry mass."""
-    return [
-        b
-        for b in range(1, model.nbody)
-        if model.body_weldid[b] != 0 and float(model.body_mass[b]) > 0 and np.isfinite(model.body_mass[b])
-    ]
+    """Bodies that forces can move and that carry mass."""
+    held = (model.body_weldid == 0) | (model.body_mocapid[model.body_weldid] >= 0)
+    carries = (model.body_mass > 0) & np.isfinite(model.body_mass)
+    return np.flatnonzero(~held & carries).tolist()

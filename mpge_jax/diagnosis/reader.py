@@ -117,7 +117,8 @@ def read_recording(
         arrays.pop("ctrl", None)
         arrays.pop("force", None)
     recording = Recording(
-        path.stem,
+        # names of files need not be text, names in reports do
+        path.stem.encode(errors="surrogateescape").decode(errors="replace"),
         arrays["time"],
         arrays["qpos"],
         arrays.get("qvel"),

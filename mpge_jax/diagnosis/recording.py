@@ -14,6 +14,8 @@ Array = np.ndarray
 WRAP = 1.6 * np.pi
 """Least jump (rad) of an angle from one row to the next that is taken for a full turn, where all others are far
 smaller."""
+SLOWEST = 1.0
+"""Typical seconds between rows above which a clock is not in seconds, or nothing is seen of the motion."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,7 @@ def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recor
     Raises:
         InputError: shapes, order of time, NaN or Inf, or quaternions are wrong.
     """
+    recording = _of_arrays(recording)
     name, time = recording.name, recording.time
     if time.ndim != 1 or time.size < 2:
         raise InputError(f"{name}: 'time' must be a column of at least two rows, got shape {time.shape}.")
@@ -110,6 +113,11 @@ def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recor
         raise InputError(
             f"{name}: time {word} at row {row} ({time[row - 1]:.9g} s, then {time[row]:.9g} s); sort the rows "
             "and drop duplicates."
+        )
+    if (typical := float(np.median(steps))) > SLOWEST:
+        raise InputError(
+            f"{name}: rows are {typical:.3g} s apart, too far to tell how it moved; times are in seconds "
+            "(a map converts others)."
         )
     widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu, "force": model.nu}
     for key, width in widths.items():
@@ -141,6 +149,12 @@ def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recor
             )
     notes = list(_warnings(recording, model, names))
     return replace(_unit_quaternions(recording, model), warnings=(*recording.warnings, *notes))
+
+
+def _of_arrays(r: Recording) -> Recording:
+    """The recording with arrays in place of lists."""
+    qvel, ctrl, force = (None if x is None else np.asarray(x) for x in (r.qvel, r.ctrl, r.force))
+    return replace(r, time=np.asarray(r.time), qpos=np.asarray(r.qpos), qvel=qvel, ctrl=ctrl, force=force)
 
 
 def _check_finite(

@@ -27,8 +27,7 @@ def fingerprint(p: Prepared) -> str:
     digest.update(p.spec.to_xml().encode())
     for source in p.train_sources + p.held_sources:
         r = source.recording
-        # names of files need not be text
-        digest.update(r.name.encode(errors="surrogateescape"))
+        digest.update(r.name.encode())
         for array in (r.time, r.qpos, r.qvel, source.command):
             if array is not None:
                 digest.update(np.ascontiguousarray(array).tobytes())

@@ -13,6 +13,8 @@ import numpy as np
 Array = np.ndarray
 CHUNK, OVERLAP = 50, 25
 INTENSITIES = 10.0 ** np.arange(-3, 11)
+PAUSE = 5.0
+"""Seconds without rows after which next to nothing is known of the state; longer ones cost digits of the covariance."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,7 @@ def smooth(series: list[Series]) -> list[Smoothed]:
     r = np.ones((batch, 2))
     for k, (i, a, b, _, _) in enumerate(pieces):
         s = series[i]
-        dt[: b - a - 1, k] = np.diff(s.time[a:b])
+        dt[: b - a - 1, k] = np.minimum(np.diff(s.time[a:b]), PAUSE)
         y[: b - a, k, 0] = s.position[a:b] - s.position[a]
         if s.velocity is not None:
             y[: b - a, k, 1] = s.velocity[a:b]

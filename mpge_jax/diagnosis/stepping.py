@@ -89,8 +89,15 @@ class Machine:
 
 
 def command_start(xp: Any, m: Machine, ctrl: Array, dt: float) -> tuple[Any, ...]:
+    """Memories of a command [nu] held for long, as it comes through the effects before each."""
     ctrl = clipped(m.model, ctrl, xp)
-    return tuple(t.effect.command_memory(xp, m.ctx, t.place, ctrl[t.place.index], dt) for t, _ in m.commanded)
+    reached = [ctrl[a] for a in range(m.model.nu)]
+    out = []
+    for term, theta in m.commanded:
+        a = term.place.index
+        out.append(term.effect.command_memory(xp, m.ctx, term.place, reached[a], dt))
+        reached[a], _ = term.effect.command(xp, xp.asarray(theta), reached[a], out[-1], dt)
+    return tuple(out)
 
 
 def command_step(

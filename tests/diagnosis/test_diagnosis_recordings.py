@@ -1,6 +1,7 @@
 """Readers and validation: one clear sentence for each kind of bad input, and no crash on any bytes."""
 
 import io
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from machines import ARM, PENDULUM
 
 from mpge_jax.diagnosis import InputError, Recording
+from mpge_jax.diagnosis.mapping import load
 from mpge_jax.diagnosis.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.reader import load_recordings, read_recording
 from mpge_jax.diagnosis.recording import chain_transitions, unwrapped, validate
@@ -64,6 +66,7 @@ def test_npz_and_csv_give_the_same_recording(tmp_path, arm):
         ({"qpos": np.r_[[[0.0, np.nan]], np.zeros((19, 2))]}, "'qpos' of elbow is NaN at row 0"),
         ({"ctrl": np.full((20, 2), np.nan)}, "'ctrl' of shoulder_motor was not recorded"),
         ({"ctrl": np.r_[[[0.0, np.nan]], np.zeros((19, 2))]}, "'ctrl' of elbow_servo is NaN at row 0"),
+        ({"time": 10.0 * np.arange(20)}, r"rows are 10 s apart, .* times are in seconds \(a map"),
         ({"ctrl": None}, "neither commands"),
         ({"qpos": None}, "there is no 'qpos'.*--map"),
         ({"qpos": np.full((20, 2), "x")}, "does not hold numbers"),
@@ -389,6 +392,31 @@ def test_a_map_reads_beside_whole_numbers_and_what_it_does_not_name(tmp_path, ar
     np.testing.assert_array_equal(r.qpos[:, 0], counts[:, 0])
     with pytest.raises(InputError, match="'notes'"):
         read_recording(path, *arm, {"qpos:elbow": "notes"})
+
+
+def test_titles_in_a_map_may_be_numbers_and_bad_entries_are_told(tmp_path, arm):
+    path = tmp_path / "run.csv"
+    path.write_text("time,1,ctrl:shoulder_motor,ctrl:elbow_servo\n0,1,3,4\n1,5,7,8\n")
+    r = read_recording(path, *arm, {"qpos:elbow": {"from": 1}})
+    np.testing.assert_array_equal(r.qpos[:, 1], [1, 5])
+    with pytest.raises(InputError, match=r"unknown unit '\['deg'\]'"):
+        read_recording(path, *arm, {"qpos:elbow": {"from": 1, "unit": ["deg"]}})
+    with pytest.raises(InputError, match="not in the file"):
+        read_recording(path, *arm, {"qpos:elbow": {"from": ["1"]}})
+    (tmp_path / "map.yaml").write_text("columns: {time: t}\nwritten: 2020-13-45\n")
+    with pytest.raises(InputError, match=r"map\.yaml is not valid YAML"):
+        load(tmp_path / "map.yaml")
+
+
+def test_names_of_files_need_not_be_text(tmp_path, arm):
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/fl\xfcgel.npz"))
+    path.write_bytes(_save(tmp_path).read_bytes())
+    assert read_recording(path, *arm).name == "fl\ufffdgel"
+
+
+def test_lists_are_arrays(arm):
+    r = validate(Recording("run", [0.0, 0.1], [[0, 0], [1, 1]], None, [[0, 0], [0, 0]]), *arm)
+    assert r.qpos.shape == r.ctrl.shape == (2, 2)
 
 
 def test_a_map_renames_titles_of_the_contracts_form(tmp_path, arm):

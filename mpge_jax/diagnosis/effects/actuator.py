@@ -61,9 +61,15 @@ def _unit(ctx: Context, place: Place) -> str:
     plain = m.actuator_biastype[a] == _NO_BIAS and m.actuator_gainprm[a, 0] == 1.0
     if plain and abs(m.actuator_gear[a, 0]) != 1.0:
         return "command"
-    joint = int(m.actuator_trnid[a, 0])
-    slide = is_joint_transmission(m, a) and m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
-    return "N" if slide else "N m"
+    return "N" if _pulls(m, a) else "N m"
+
+
+def _pulls(m: mujoco.MjModel, a: int) -> bool:
+    """Whether what an actuator drives is measured in metres: a slide, or a tendon through points."""
+    driven = int(m.actuator_trnid[a, 0])
+    if m.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON:
+        return bool(m.wrap_type[m.tendon_adr[driven]] != mujoco.mjtWrap.mjWRAP_JOINT)
+    return is_joint_transmission(m, a) and bool(m.jnt_type[driven] == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def _limited(m: mujoco.MjModel, a: int) -> bool:
@@ -175,7 +181,9 @@ class ActuatorBiasReclipped(ActuatorBias):
         return [
             p
             for p in super().places(ctx)
-            if m.actuator_ctrllimited[p.index] and m.actuator_gainprm[p.index, 0] != 0
+            if m.actuator_ctrllimited[p.index]
+            and m.actuator_gainprm[p.index, 0] != 0
+            and m.actuator_dyntype[p.index] != mujoco.mjtDyn.mjDYN_INTEGRATOR
         ]
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
@@ -218,7 +226,8 @@ class BackEmf(_Linear):
         m, a = ctx.model, place.index
         speed = max(float(ctx.speed[m.jnt_dofadr[m.actuator_trnid[a, 0]]]), 1e-3)
         scale = 0.1 * _size(ctx, place) / abs(float(m.actuator_gainprm[a, 0])) / speed
-        return (Param("coefficient", "command s/rad", 0.0, 500 * scale, scale),)
+        unit = "command s/m" if _pulls(m, a) else "command s/rad"
+        return (Param("coefficient", unit, 0.0, 500 * scale, scale),)
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         m, a = ctx.model, place.index

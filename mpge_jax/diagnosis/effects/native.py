@@ -96,8 +96,11 @@ def _polynomial(name: str, powers: slice) -> Callable[..., None]:
 
 def _spring_reference(f: SpecFields, q: int, value: Array) -> None:
     joint = element(f.spec.joints, int(np.flatnonzero(f.model.jnt_qposadr == q)[0]))
-    degrees = f.spec.compiler.degree and joint.type == mujoco.mjtJoint.mjJNT_HINGE
-    joint.springref = float(np.rad2deg(value) if degrees else value)
+    joint.springref = float(value)
+    # a joint that came with another model is in that model's unit, which nothing but the compiler knows
+    read = float(f.spec.copy().compile().qpos_spring[q])
+    if not np.isclose(read, value, rtol=1e-6, atol=1e-12):
+        joint.springref = float(np.rad2deg(value))
 
 
 def _attribute(elements: str, name: str, make: Callable[[Any], Any] = np.array) -> Callable[..., None]:
