@@ -14,6 +14,7 @@ from mpge_jax.diagnosis.hypothesis import Hypothesis
 from mpge_jax.diagnosis.model import compile_variable, names_of
 from mpge_jax.diagnosis.prepare import prepare
 from mpge_jax.diagnosis.recording import validate
+from mpge_jax.diagnosis.scored import Reached, Scored
 
 FRICTION, ROTOR = np.array([0.25, 0.12]), np.array([0.03, 0.02])
 
@@ -87,5 +88,10 @@ def test_all_joints_are_looked_at_once_where_two_lack_plain_effects(monkeypatch)
     assert searching._wider(s, one) is one
     assert not s.looked
     assert searching._wider(s, two) is more
-    assert s.looked and kept == [more]
-    assert searching._wider(s, two) is two
+    assert s.looked and searching._wider(s, two) is two
+
+    s.looked, s.resume = False, Reached(two)
+    nothing = np.zeros(0)
+    monkeypatch.setattr(s, "compete", lambda f, _terms: ([], Scored(f, nothing, nothing, 0, 0)))
+    assert searching.search(s) == (more, [])
+    assert [r.fit for r in kept] == [more]
