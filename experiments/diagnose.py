@@ -48,7 +48,9 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--list-effects", action=_ListEffects, help="print the effects that it knows, and exit")
     out.add_argument("--map", type=Path, metavar="MAP.yaml", help="renames and converts columns")
     out.add_argument("--seed", type=int, default=0)
-    out.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="threads (default: all)")
+    out.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="threads, one a core at most (default)"
+    )
     out.add_argument("--quiet", action="store_true", help="no progress on stderr")
     return out
 
@@ -59,7 +61,7 @@ def _config(args: argparse.Namespace) -> Config:
             effects=tuple(args.effects) if args.effects else None,
             held_out=tuple(args.held_out) if args.held_out else None,
             seed=args.seed,
-            jobs=args.jobs,
+            jobs=min(args.jobs, os.cpu_count() or 1),
             quiet=args.quiet,
         )
     except ValueError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -166,17 +167,14 @@ def names_of(model: mujoco.MjModel) -> Names:
     """Names of joints, actuators, bodies, geoms, each once. An unnamed actuator goes by its joint, if no other does."""
 
     def names(
-        kind: mujoco.mjtObj, count: int, word: str, else_: dict[int, str] | None = None
+        kind: mujoco.mjtObj, size: int, word: str, instead: dict[int, str] | None = None
     ) -> tuple[str, ...]:
-        given = [mujoco.mj_id2name(model, kind, i) for i in range(count)]
-        taken, out = {name for name in given if name}, []
-        for i, name in enumerate(given):
-            if not name:
-                name = (else_ or {}).get(i, "")
-                while not name or name in taken:
-                    name = f"{name}_" if name.startswith(f"{word}_{i}") else f"{word}_{i}"
-                taken.add(name)
-            out.append(name)
+        out = [mujoco.mj_id2name(model, kind, i) for i in range(size)]
+        for i in (i for i in range(size) if not out[i]):
+            made_up = (f"{word}_{i}" + "_" * more for more in count())
+            out[i] = next(
+                name for name in chain([(instead or {}).get(i)], made_up) if name not in (None, *out)
+            )
         return tuple(out)
 
     obj = mujoco.mjtObj
