@@ -63,7 +63,7 @@ def _replace_what_follows_masses(spec: mujoco.MjSpec) -> None:
     if not derived:
         return
     m = spec.compile()
-    shared = _moved_otherwise(m)
+    shared = _moved_otherwise(m) if m.jnt_actfrclimited.any() else np.zeros(m.nv, bool)
     for a in spec.actuators:
         i, muscle = a.id, m.actuator_gaintype[a.id] == mujoco.mjtGain.mjGAIN_MUSCLE
         if muscle and a.gainprm[2] < 0:

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from mpge_jax import files
 from mpge_jax.diagnosis.effects.base import Context
-from mpge_jax.diagnosis.fitted import Fitted
+from mpge_jax.diagnosis.fitted import Fitted, nothing
 from mpge_jax.diagnosis.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.prepare import Prepared
 from mpge_jax.diagnosis.scored import Reached, Scored
@@ -41,10 +42,7 @@ def attach(s: Search, p: Prepared, path: Path) -> None:
     def keep(r: Reached) -> None:
         table = {"of": mark, "work": p.sim.work, "looked": s.looked, "fit": _fit_table(r.fit)}
         table["last"], table["first"] = ([_scored_table(x) for x in ranked] for ranked in (r.last, r.first))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
-        part.write_text(json.dumps(table), encoding="utf-8")
-        part.replace(path)
+        files.write_text(path, json.dumps(table))
 
     s.keep = keep
     terms = {(t.id, t.place.kind, t.place.index): t for t in s.terms}
@@ -72,8 +70,8 @@ def _fit(ctx: Context, terms: _Terms, table: dict[str, Any]) -> Fitted:
     if not arrays["theta"].shape == arrays["centre"].shape == (size,):
         raise ValueError("other parameters")
     for name in ("information", "cov"):
-        # an empty table does not tell how many columns it had
-        arrays[name] = arrays[name].reshape(len(arrays[name]), -1) if arrays[name].size else np.zeros((0, 0))
+        # an empty list does not tell that it was a table
+        arrays[name] = arrays[name] if arrays[name].size else nothing()
     return Fitted(hypothesis, loss=float(table["loss"]), **arrays)
 
 

@@ -75,3 +75,8 @@ def record(
         qpos = qpos + noise * rng.standard_normal(qpos.shape)
         out.append(Recording(f"run_{k}", time, qpos, None, ctrl))
     return out
+
+
+def entry(effect: str, at: str, kind: str, **parameters: object) -> dict[str, object]:
+    """A row of `effects.json`."""
+    return {"id": effect, "at": at, "kind": kind, "parameters": parameters}

@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ElementTree
 import mujoco
 import numpy as np
 import pytest
+from machines import entry
 
 from mpge_jax.diagnosis import InputError
 from mpge_jax.diagnosis.corrected import CorrectedModel
@@ -22,10 +23,6 @@ def _link(x: int, joint: str = "", body: str = "") -> str:
     return LINK.format(x=x, joint=joint, body=body)
 
 
-def _entry(effect: str, at: str, kind: str, **parameters: object) -> dict[str, object]:
-    return {"id": effect, "at": at, "kind": kind, "parameters": parameters}
-
-
 def test_names_that_are_made_up_are_nobodys():
     bodies = _link(0) + _link(1, 'name="joint_0"') + _link(2, 'name="j"', 'name="body_1"')
     motors = "".join(f"<motor {name}/>" for name in ('joint="joint_0"', 'name="joint_0" joint="j"'))
@@ -35,7 +32,7 @@ def test_names_that_are_made_up_are_nobodys():
     assert names.actuators == ("actuator_0", "joint_0")
     assert names.bodies == ("world", "body_1_", "body_2", "body_1")
     damped = CorrectedModel.build(
-        mujoco.MjSpec.from_string(xml), [_entry("viscous_damping", "joint_0", "joint", coefficient=3.0)]
+        mujoco.MjSpec.from_string(xml), [entry("viscous_damping", "joint_0", "joint", coefficient=3.0)]
     )
     assert damped.machine.model.dof_damping.tolist() == [0.0, 3.0, 0.0]
 
@@ -47,7 +44,7 @@ def test_no_force_acts_on_what_is_moved_by_hand():
     spec = mujoco.MjSpec.from_string(xml)
     model = compile_variable(spec)
     assert moving_bodies(model) == [2]
-    pushed = CorrectedModel.build(spec, [_entry("external_force", "world", "world", force=[1.0, 0.0, 0.0])])
+    pushed = CorrectedModel.build(spec, [entry("external_force", "world", "world", force=[1.0, 0.0, 0.0])])
     stepper = pushed.c_stepper()
     stepper.reset(model.qpos0, np.zeros(model.nv))
     stepper.step(np.zeros(0))
@@ -63,7 +60,7 @@ def test_a_joints_limit_comes_last_whatever_else_the_model_drives(gripper):
     <actuator><motor name="arm" joint="arm"/>{gripper}</actuator></mujoco>"""
     spec = load_spec(mujoco.MjSpec.from_string(xml))
     stepper = CorrectedModel.build(
-        spec, [_entry("actuator_deadzone", "arm", "actuator", width=1.0)]
+        spec, [entry("actuator_deadzone", "arm", "actuator", width=1.0)]
     ).c_stepper()
     stepper.reset(np.zeros(3), np.zeros(3))
     stepper.step(np.array([10.0, 0.0] if gripper else [10.0]))
@@ -106,7 +103,7 @@ def test_a_delay_begins_with_what_the_bias_before_it_makes_of_the_command():
     bias = {"id": "actuator_bias", "form": "actuator_bias:reclipped", "at": "motor", "kind": "actuator"}
     entries = [
         {**bias, "parameters": {"bias": 0.3}},
-        _entry("actuator_delay", "motor", "actuator", delay=0.01),
+        entry("actuator_delay", "motor", "actuator", delay=0.01),
     ]
     stepper = CorrectedModel.build(mujoco.MjSpec.from_string(xml), entries).c_stepper()
     stepper.reset(np.zeros(1), np.zeros(1))

@@ -6,7 +6,7 @@ import jax
 import mujoco
 import numpy as np
 import pytest
-from machines import PENDULUM
+from machines import PENDULUM, entry
 
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.corrected import CorrectedModel
@@ -26,10 +26,6 @@ from mpge_jax.diagnosis.states import States
 from mpge_jax.diagnosis.windows import Windows
 
 LINK = """<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/>"""
-
-
-def _entry(effect: str, at: str, kind: str, **parameters: object) -> dict[str, object]:
-    return {"id": effect, "at": at, "kind": kind, "parameters": parameters}
 
 
 def _exported(xml: str, *entries: dict[str, object]) -> tuple[mujoco.MjModel, mujoco.MjModel, list[bool]]:
@@ -62,7 +58,7 @@ def test_a_spring_behind_a_servo_moves_like_two_bodies(integrator, kp, kv, limit
     <geom size=".001" mass="1e-6" contype="0" conaffinity="0"/></body></worldbody>
     <tendon><fixed name="spring" stiffness="{stiffness}" damping=".5" springlength="0"><joint joint="motor" coef="1"/>
     <joint joint="hinge" coef="-1"/></fixed></tendon><actuator><position joint="motor" {servo}/></actuator></mujoco>"""
-    spring = _entry("joint_flexibility", "hinge", "joint", stiffness=stiffness, damping=0.5)
+    spring = entry("joint_flexibility", "hinge", "joint", stiffness=stiffness, damping=0.5)
     spec = mujoco.MjSpec.from_string(nominal)
     elastic, rigid = (CorrectedModel.build(spec, effects).c_stepper() for effects in ([spring], []))
     model = mujoco.MjModel.from_xml_string(truth)
@@ -94,8 +90,8 @@ def test_behind_a_spring_back_emf_slows_the_motor_and_not_the_link():
     <geom size=".001" mass="1e-6" contype="0" conaffinity="0"/></body></worldbody>
     <tendon><fixed name="spring" stiffness="5" damping=".1" springlength="0"><joint joint="shaft" coef="1"/>
     <joint joint="hinge" coef="-1"/></fixed></tendon><actuator>{motor.format("shaft", -0.6)}</actuator></mujoco>"""
-    spring = _entry("joint_flexibility", "hinge", "joint", stiffness=5.0, damping=0.1)
-    braked = _entry("back_emf", "motor", "actuator", coefficient=0.6)
+    spring = entry("joint_flexibility", "hinge", "joint", stiffness=5.0, damping=0.1)
+    braked = entry("back_emf", "motor", "actuator", coefficient=0.6)
     model = mujoco.MjModel.from_xml_string(truth)
     data = mujoco.MjData(model)
     steppers = [
@@ -140,7 +136,7 @@ def test_armature_of_the_actuator_is_the_motors_inertia_too():
     model = compile_variable(mujoco.MjSpec.from_string(xml))
     assert [p.name for p in REGISTRY["backlash"].places(nominal_context(model))] == ["hinge"]
     machine = CorrectedModel.build(
-        mujoco.MjSpec.from_string(xml), [_entry("backlash", "hinge", "joint", gap=0.1)]
+        mujoco.MjSpec.from_string(xml), [entry("backlash", "hinge", "joint", gap=0.1)]
     )
     inertia = []
     for m in (model, machine.machine.model):
@@ -158,7 +154,7 @@ def test_late_commands_have_moved_filters_before_a_window_begins(effect, paramet
     xml = f"""<mujoco><option timestep="0.002"/><worldbody><body name="arm">
     <joint name="hinge" axis="0 1 0" armature=".004" damping=".05"/>{LINK}</body></worldbody>
     <actuator><general name="motor" joint="hinge" dyntype="filterexact" dynprm=".1"/></actuator></mujoco>"""
-    late = _entry(effect, "motor", "actuator", **{parameter: 0.03})
+    late = entry(effect, "motor", "actuator", **{parameter: 0.03})
     stepper, recordings = CorrectedModel.build(mujoco.MjSpec.from_string(xml), [late]).c_stepper(), []
     for k in range(3):
         stepper.reset(np.array([0.1 * k]), np.zeros(1))
@@ -183,8 +179,8 @@ def test_late_commands_have_moved_filters_before_a_window_begins(effect, paramet
 
 def test_a_sensor_may_be_late_and_off():
     entries = [
-        _entry("encoder_offset", "hinge", "joint", offset=0.3),
-        _entry("sensor_delay", "hinge", "joint", delay=0.01),
+        entry("encoder_offset", "hinge", "joint", offset=0.3),
+        entry("sensor_delay", "hinge", "joint", delay=0.01),
     ]
     corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), entries)
     stepper, engine = corrected.c_stepper(), corrected.jax_engine()
@@ -204,9 +200,9 @@ def test_a_sensor_may_be_late_and_off():
 
 
 def test_delays_are_exported_as_fine_as_they_were_fitted():
-    entry = _entry("actuator_delay", "motor", "actuator", delay=0.0051)
-    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), [entry]).c_stepper()
-    _, model, native = _exported(PENDULUM, entry)
+    late = entry("actuator_delay", "motor", "actuator", delay=0.0051)
+    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), [late]).c_stepper()
+    _, model, native = _exported(PENDULUM, late)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     corrected.reset(np.zeros(1), np.zeros(1))
     assert native == [True]
@@ -223,16 +219,16 @@ def test_lags_shorter_than_a_step_are_not_native_and_keyframes_keep_their_activa
     {LINK}</body></worldbody><actuator><motor name="a" joint="hinge"/>
     <general name="b" joint="hinge" dyntype="filterexact" dynprm=".1"/></actuator>
     <keyframe><key name="home" qpos=".2" act=".3" ctrl=".5 .7"/></keyframe></mujoco>"""
-    _, model, native = _exported(xml, _entry("actuator_lag", "a", "actuator", time_constant=0.005))
+    _, model, native = _exported(xml, entry("actuator_lag", "a", "actuator", time_constant=0.005))
     assert native == [False] and model.na == 1
-    _, model, native = _exported(xml, _entry("actuator_lag", "a", "actuator", time_constant=0.05))
+    _, model, native = _exported(xml, entry("actuator_lag", "a", "actuator", time_constant=0.05))
     assert native == [True]
     np.testing.assert_allclose(model.key_act[0], [0.5, 0.3])
     more = xml.replace(
         '<motor name="a" joint="hinge"/>', '<motor name="a" joint="hinge"/><motor name="c" joint="hinge"/>'
     )
     more = more.replace('ctrl=".5 .7"', 'ctrl=".5 .6 .7"')
-    lags = [_entry("actuator_lag", at, "actuator", time_constant=0.05) for at in "ac"]
+    lags = [entry("actuator_lag", at, "actuator", time_constant=0.05) for at in "ac"]
     np.testing.assert_allclose(_exported(more, *lags)[1].key_act[0], [0.5, 0.6, 0.3])
     plain = more.replace('dyntype="filterexact" dynprm=".1"', "").replace('act=".3"', "")
     np.testing.assert_allclose(_exported(plain, *lags)[1].key_act[0], [0.5, 0.6])
@@ -250,7 +246,7 @@ def test_turned_inertials_are_written_as_they_are():
     <inertial pos="0 0 -.1" mass="1" diaginertia=".01 .02 .025" euler="0 30 0"/><geom size=".1"/></body></worldbody>
     <actuator><motor joint="hinge"/></actuator></mujoco>"""
     machine, exported, _ = _exported(
-        xml, _entry("payload_mass", "arm", "body", mass=0.5, position=[0.1, 0.05, -0.3])
+        xml, entry("payload_mass", "arm", "body", mass=0.5, position=[0.1, 0.05, -0.3])
     )
     np.testing.assert_allclose(_inertia(exported, 1), _inertia(machine, 1), atol=1e-6)
 
@@ -264,9 +260,9 @@ def test_what_the_compiler_derives_from_masses_is_written_as_numbers():
     nominal = compile_variable(mujoco.MjSpec.from_string(xml))
     machine, exported, native = _exported(
         xml,
-        _entry("viscous_damping", "hinge", "joint", coefficient=0.3),
-        _entry("joint_stiffness", "far", "joint", stiffness=0.7, reference=0.5),
-        _entry("mass_scale", "world", "world", factor=1.5),
+        entry("viscous_damping", "hinge", "joint", coefficient=0.3),
+        entry("joint_stiffness", "far", "joint", stiffness=0.7, reference=0.5),
+        entry("mass_scale", "world", "world", factor=1.5),
     )
     assert all(native)
     assert nominal.actuator_gainprm[0, 2] > 0 and nominal.actuator_biasprm[0, 2] > 0
@@ -281,7 +277,7 @@ def test_a_joints_limit_on_its_motor_comes_after_the_dead_zone():
     xml = f"""<mujoco><worldbody><body name="arm"><joint name="hinge" axis="0 1 0" actuatorfrcrange="-5 5"/>
     {LINK}</body></worldbody><actuator><motor name="motor" joint="hinge" gear="-2"/></actuator></mujoco>"""
     stepper = CorrectedModel.build(
-        mujoco.MjSpec.from_string(xml), [_entry("actuator_deadzone", "motor", "actuator", width=0.5)]
+        mujoco.MjSpec.from_string(xml), [entry("actuator_deadzone", "motor", "actuator", width=0.5)]
     ).c_stepper()
     stepper.reset(np.zeros(1), np.zeros(1))
     for command, torque in ((5.0, -5.0), (1.0, -1.0), (-10.0, 5.0)):
@@ -308,8 +304,8 @@ def test_a_dead_zone_of_a_tendons_motor_comes_after_its_limits_or_before():
     <tendon><fixed name="t"><joint joint="hinge" coef="1"/></fixed></tendon><actuator>
     <motor name="motor" tendon="t" forcerange="-5 5" forcelimited="true"/></actuator></mujoco>"""
     effects = [
-        _entry("actuator_deadzone", "motor", "actuator", width=1.0),
-        _entry("actuator_gain", "motor", "actuator", gain=0.5),
+        entry("actuator_deadzone", "motor", "actuator", width=1.0),
+        entry("actuator_gain", "motor", "actuator", gain=0.5),
     ]
     before = [{**effects[0], "form": "actuator_deadzone:limited"}]
     for known, command, force in (
@@ -327,7 +323,7 @@ GRAVITY_FREE = f"""<mujoco><worldbody><body name="arm" gravcomp="1"><joint name=
 
 
 def test_compensated_gravity_is_that_of_the_known_masses():
-    machine, exported, _ = _exported(GRAVITY_FREE, _entry("mass_scale", "world", "world", factor=1.5))
+    machine, exported, _ = _exported(GRAVITY_FREE, entry("mass_scale", "world", "world", factor=1.5))
     moment = 0.5 * (0.5 * 0.15 + 0.1 * 0.3)
     for m in (machine, exported):
         data = mujoco.MjData(m)
@@ -352,8 +348,8 @@ def test_a_force_on_the_whole_machine_is_that_force_whatever_the_masses(scale):
     <actuator><motor joint="x"/></actuator></mujoco>"""
     machine, exported, _ = _exported(
         xml,
-        _entry("external_force", "world", "world", force=[4.0, 0.0, 0.0]),
-        _entry("mass_scale", "world", "world", factor=scale),
+        entry("external_force", "world", "world", force=[4.0, 0.0, 0.0]),
+        entry("mass_scale", "world", "world", factor=scale),
     )
     for m in (machine, exported):
         data = mujoco.MjData(m)
@@ -412,8 +408,8 @@ def test_what_a_dead_zone_swallows_reaches_no_gear(effect, at, values):
     xml = f"""<mujoco><option gravity="0 0 0"/><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"
     armature="0.01"/>{LINK}</body></worldbody><actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
     known = [
-        _entry("actuator_deadzone", "motor", "actuator", width=0.3),
-        _entry(effect, at, "joint", **values),
+        entry("actuator_deadzone", "motor", "actuator", width=0.3),
+        entry(effect, at, "joint", **values),
     ]
     motion = []
     for command in (0.25, 0.0):
@@ -435,8 +431,8 @@ def test_a_dead_zone_takes_from_a_drive_at_its_limit_too(effect, values):
     armature="0.01" damping="2" stiffness="10"/>{LINK}</body></worldbody><actuator>
     <motor name="motor" joint="hinge" forcerange="-5 5"/></actuator></mujoco>"""
     known = [
-        _entry("actuator_deadzone", "motor", "actuator", width=1.0),
-        _entry(effect, "hinge", "joint", **values),
+        entry("actuator_deadzone", "motor", "actuator", width=1.0),
+        entry(effect, "hinge", "joint", **values),
     ]
     stepper = CorrectedModel.build(mujoco.MjSpec.from_string(xml), known).c_stepper()
     stepper.reset(np.full(1, 0.4), np.zeros(1))
@@ -449,8 +445,8 @@ def test_limits_that_meet_can_be_written():
     xml = f"""<mujoco><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>{LINK}</body></worldbody>
     <actuator><motor name="motor" joint="hinge" forcerange="-0.5 0.5"/></actuator></mujoco>"""
     known = [
-        _entry("actuator_bias", "motor", "actuator", bias=0.7),
-        _entry("torque_saturation", "motor", "actuator", limit=0.1),
+        entry("actuator_bias", "motor", "actuator", bias=0.7),
+        entry("torque_saturation", "motor", "actuator", limit=0.1),
     ]
     _, model, native = _exported(xml, *known)
     assert all(native)

@@ -170,10 +170,10 @@ class ActuatorBiasBeforeLimits(_BeforeLimits, ActuatorBias):
 
 
 @register
-class ActuatorBiasReclipped(ActuatorBias):
+class ActuatorBiasReclipped(OfCommand, ActuatorBias):
     """The bias of a drive that clips once more after it: added to the command inside the command's limits."""
 
-    id, order, tier, commands = "actuator_bias:reclipped", -3, 2, True
+    id, order, tier = "actuator_bias:reclipped", -3, 2
     equation = "tau = clip(u + c)"
 
     def places(self, ctx: Context) -> list[Place]:
@@ -181,9 +181,7 @@ class ActuatorBiasReclipped(ActuatorBias):
         return [
             p
             for p in super().places(ctx)
-            if m.actuator_ctrllimited[p.index]
-            and m.actuator_gainprm[p.index, 0] != 0
-            and m.actuator_dyntype[p.index] != mujoco.mjtDyn.mjDYN_INTEGRATOR
+            if m.actuator_ctrllimited[p.index] and m.actuator_gainprm[p.index, 0] != 0
         ]
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
