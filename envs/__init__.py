@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 
 from envs.env import Env
 from envs.registry import BACKENDS, DYNAMICS, build_model, make, names, register, source_of
+from envs.select import select
 from envs.types import Engine, State, Task, Variant
-from envs.wrappers import AutoReset, Environment
+from envs.wrappers import AutoReset, Environment, Wrapper
 
 if TYPE_CHECKING:
     from envs.brax_bridge import BraxBridge
+    from envs.gymnax_bridge import GymnaxBridge
 
 __all__ = [
     "BACKENDS",
@@ -25,11 +27,14 @@ __all__ = [
     "State",
     "Task",
     "Variant",
+    "Wrapper",
     "as_brax",
+    "as_gymnax",
     "build_model",
     "make",
     "names",
     "register",
+    "select",
     "source_of",
 ]
 
@@ -41,3 +46,10 @@ def as_brax(env: Environment) -> "BraxBridge":
     from envs.brax_bridge import BraxBridge
 
     return BraxBridge(env)
+
+
+def as_gymnax(env: Environment) -> "GymnaxBridge":
+    """`env` with gymnax's interface, for trainers such as rejax's and PureJaxRL's; gymnax is not needed."""
+    from envs.gymnax_bridge import GymnaxBridge
+
+    return GymnaxBridge(env)

@@ -6,6 +6,7 @@ import jax
 from brax.envs.base import Env as BraxEnv
 from brax.envs.base import State as BraxState
 
+from envs.select import select
 from envs.types import State
 from envs.wrappers import Environment
 
@@ -13,21 +14,30 @@ from envs.wrappers import Environment
 class BraxBridge(BraxEnv):
     """An environment of this project with brax's interface; `done` is termination alone, as brax has it.
 
-    brax's `EpisodeWrapper` applies the time limit and writes `info["truncation"]`.
+    brax's `EpisodeWrapper` applies the time limit and writes `info["truncation"]`. Its `AutoResetWrapper` puts back
+    the physics and the observation of the first reset and nothing else; the next step sees physics at time 0 in an
+    episode under way, and draws the episode's own info (`info["env"]`: steps, a grounded environment's member) afresh.
     """
 
     def __init__(self, env: Environment):
         self._env = env
 
     def reset(self, rng: jax.Array) -> BraxState:
-        return _to_brax(self._env.reset(rng), {})
+        """The first state of an episode; keeps a key for later ones in `info["env_key"]`. `rng` is consumed."""
+        key, key_reset = jax.random.split(rng)
+        return _to_brax(self._env.reset(key_reset), {"env_key": key}, {})
 
     def step(self, state: BraxState, action: jax.Array) -> BraxState:
+        """One step under `action [A]`; keeps what brax's wrappers have added to `info` and `metrics`."""
         info = dict(state.info)
         # Under a key of its own: brax's wrappers keep a `steps` of another meaning at the top level.
         own = info.pop("env")
+        info["env_key"], key_episode = jax.random.split(info["env_key"])
+        begun = {**self._env.reset(key_episode).info, "next_obs": state.obs}
+        begins = (state.pipeline_state.time == 0) & (own["steps"] > 0)
+        own = select(begins, begun, own)
         inner = State(state.pipeline_state, state.obs, state.reward, state.done, state.metrics, own)
-        return _to_brax(self._env.step(inner, action), info)
+        return _to_brax(self._env.step(inner, action), info, state.metrics)
 
     @property
     def observation_size(self) -> int:
@@ -42,12 +52,12 @@ class BraxBridge(BraxEnv):
         return "mujoco"
 
 
-def _to_brax(state: State, info: dict[str, Any]) -> BraxState:
+def _to_brax(state: State, info: dict[str, Any], metrics: dict[str, jax.Array]) -> BraxState:
     return BraxState(
         pipeline_state=state.data,
         obs=state.obs,
         reward=state.reward,
         done=state.info["terminated"],
-        metrics=state.metrics,
+        metrics={**metrics, **state.metrics},
         info={**info, "env": state.info},
     )

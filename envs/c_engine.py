@@ -1,9 +1,12 @@
-"""MuJoCo's C engine inside JAX: many simulations of one model behind `jax.pure_callback`."""
+"""MuJoCo's C engine inside JAX: many simulations of one model behind a callback."""
 
+import atexit
+import contextlib
 import dataclasses
+import functools
 import os
 import threading
-import warnings
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import flax.struct
@@ -12,24 +15,7 @@ import jax.numpy as jnp
 import mujoco
 import mujoco.batch
 import numpy as np
-
-
-def _devices_exist() -> bool:
-    # JAX lets the number of its CPU devices change until it has made them; there is no other public way to ask.
-    number: int = jax.config.jax_num_cpu_devices  # type: ignore[attr-defined]
-    try:
-        jax.config.update("jax_num_cpu_devices", number + 2)
-    except RuntimeError:
-        return True
-    jax.config.update("jax_num_cpu_devices", number)
-    return False
-
-
-# With asynchronous dispatch a callback can wait for ever for its own arguments: they are put on the device by the very
-# threads that the computation around the callback keeps busy (jax issue 25861). The setting is read once: when the
-# first computation makes JAX's CPU client.
-_MAY_HANG = jax.config.read("jax_cpu_enable_async_dispatch") and _devices_exist()
-jax.config.update("jax_cpu_enable_async_dispatch", False)
+from jax.experimental.buffer_callback import buffer_callback
 
 # MuJoCo's integration state without what the caller sets anew at every step (ctrl) or never (applied forces, mocap).
 _CARRIED = ("qpos", "qvel", "act", "time", "qacc_warmstart", "history", "plugin_state", "plastic")
@@ -68,29 +54,23 @@ class CEngine:
     Args:
       model: compiled model.
       threads: threads of one batch; 0 takes all cores.
-
-    Warns:
-      RuntimeWarning: JAX computed before `envs` was imported, and calls may hang.
     """
 
     def __init__(self, model: mujoco.MjModel, threads: int = 0):
-        if _MAY_HANG:
-            warnings.warn(
-                "JAX had computed before `envs` was imported, so its CPU client dispatches asynchronously and calls to "
-                "MuJoCo's C engine may hang: import `envs` first, or set jax_cpu_enable_async_dispatch to False right "
-                "after `import jax`",
-                RuntimeWarning,
-                stacklevel=4,  # the caller of `make`
-            )
         self.model = model
         self._threads = threads or _cores()
         self._batches: dict[int, _Batch] = {}
+        self._calls: dict[tuple[int, np.dtype[Any]], Callable[..., tuple[jax.Array, ...]]] = {}
         self._lock = threading.Lock()
         data = mujoco.MjData(model)
         self._initial = {name: np.array(getattr(data, name)) for name in (*_CARRIED, "sensordata")}
         # MuJoCo keeps fields that the model does not have at size 0: nothing to carry across.
         self._carried = [name for name in _CARRIED if self._initial[name].size]
         self._returned = self._carried + (["sensordata"] if model.nsensordata else [])
+
+    def __reduce__(self) -> tuple[type["CEngine"], tuple[mujoco.MjModel, int]]:
+        # A copy gets batches and a lock of its own: neither can be copied.
+        return CEngine, (self.model, self._threads)
 
     def init(self, qpos: jax.Array, qvel: jax.Array) -> CData:
         """Physics state at `qpos [nq]`, `qvel [nv]`, time 0, without warm start (as after Gymnasium's reset).
@@ -109,23 +89,40 @@ class CEngine:
 
     def step(self, data: CData, ctrl: jax.Array, count: int) -> CData:
         """`count` physics steps under `ctrl [nu]`. `sensordata` is one physics step behind, as after `mj_step`."""
-        dtype = data.qpos.dtype
-        shapes = [jax.ShapeDtypeStruct(self._initial[name].shape, dtype) for name in self._returned]
-
-        def host(ctrl: Any, *fields: Any) -> list[np.ndarray]:
-            return self._step(np.asarray(ctrl), [np.asarray(f) for f in fields], count, dtype)
-
-        fields = (getattr(data, name) for name in self._carried)
-        values = jax.pure_callback(host, shapes, ctrl, *fields, vmap_method="broadcast_all")
+        _wait_at_exit()
+        key = (count, np.dtype(data.qpos.dtype))
+        if key not in self._calls:
+            self._calls[key] = self._call(*key)
+        values = self._calls[key](ctrl, *(getattr(data, name) for name in self._carried))
         return dataclasses.replace(data, **dict(zip(self._returned, values, strict=True)))
 
-    def _step(self, ctrl: np.ndarray, fields: list[np.ndarray], count: int, dtype: Any) -> list[np.ndarray]:
-        lead = ctrl.shape[:-1]
-        size = int(np.prod(lead, dtype=np.int64))
+    def _call(self, count: int, dtype: np.dtype[Any]) -> Callable[..., tuple[jax.Array, ...]]:
+        """`(ctrl, *carried fields) -> returned fields`; kept, as JAX would compile a new one at every step."""
+        shapes = tuple(jax.ShapeDtypeStruct(self._initial[name].shape, dtype) for name in self._returned)
+
+        def in_place(context: Any, results: Any, ctrl: Any, *fields: Any) -> None:
+            del context
+            self._step([np.asarray(x) for x in (ctrl, *fields)], [np.asarray(x) for x in results], count)
+
+        def on_host(ctrl: Any, *fields: Any) -> tuple[np.ndarray, ...]:
+            lead = np.shape(ctrl)[:-1]
+            results = tuple(np.empty(lead + shape.shape, dtype) for shape in shapes)
+            self._step([np.asarray(x) for x in (ctrl, *fields)], results, count)
+            return results
+
+        # `pure_callback` has the computation's own threads put its arguments on the device, and on CPU waits for ever
+        # where they are all busy (jax issue 25861). A buffer callback reads and writes them where they are.
+        on_cpu = buffer_callback(in_place, shapes, vmap_method="broadcast_all")
+        elsewhere = functools.partial(jax.pure_callback, on_host, shapes, vmap_method="broadcast_all")
+        return jax.jit(lambda *given: jax.lax.platform_dependent(*given, cpu=on_cpu, default=elsewhere))
+
+    def _step(self, given: Sequence[np.ndarray], results: Sequence[np.ndarray], count: int) -> None:
+        """Steps from `given` (ctrl and the carried fields) into `results`, all of them `[*lead, ...]`."""
+        size = int(np.prod(given[0].shape[:-1], dtype=np.int64))
         with self._lock:
             batch = self._batch(size)
             sound = np.ones(size, bool)
-            for name, value in zip(["ctrl", *self._carried], [ctrl, *fields], strict=True):
+            for name, value in zip(["ctrl", *self._carried], given, strict=True):
                 view = batch.views[name]
                 view[:] = value.reshape(view.shape)
                 sound &= np.isfinite(view).reshape(size, -1).all(axis=1)
@@ -134,13 +131,11 @@ class CEngine:
             before = batch.native.warning[:, _DIVERGED, 1].sum(axis=1)
             batch.native.step(nstep=count)
             lost = ~sound | (batch.native.warning[:, _DIVERGED, 1].sum(axis=1) > before)
-            results = [batch.views[name].astype(dtype) for name in self._returned]
-        for result in results:
-            result[lost] = np.nan
-        return [
-            result.reshape(lead + self._initial[name].shape)
-            for name, result in zip(self._returned, results, strict=True)
-        ]
+            for name, result in zip(self._returned, results, strict=True):
+                view = batch.views[name]
+                rows = result.reshape(view.shape)
+                rows[:] = view
+                rows[lost] = np.nan
 
     def _batch(self, size: int) -> "_Batch":
         # Least recently used first.
@@ -161,6 +156,19 @@ class _Batch:
         self.native.reset()
         self.views = {name: self.native.bind(name) for name in names}
         self.rest = self.native.state[0].copy()
+
+
+@functools.cache
+def _wait_at_exit() -> None:
+    """Has the interpreter, before it ends, wait for what is being computed."""
+    # A thread that comes back from MuJoCo to an interpreter that has ended takes the process down.
+    atexit.register(_wait)
+
+
+def _wait() -> None:
+    for array in jax.live_arrays():
+        with contextlib.suppress(RuntimeError):
+            array.block_until_ready()
 
 
 def _cores() -> int:

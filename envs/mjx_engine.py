@@ -6,7 +6,7 @@ import jax
 import mujoco
 import numpy as np
 
-from envs._mjx import mjx
+from envs._mjx import mjx, without_lapack
 
 # Model fields that MJX in JAX takes without a word and does not compute.
 _IGNORED = (
@@ -68,4 +68,8 @@ class MJXEngine:
         data = data.replace(ctrl=ctrl)
         # MJX broadcasts across ranks, which a caller may have forbidden for their own code.
         with jax.numpy_rank_promotion("allow"):
-            return jax.lax.fori_loop(0, count, lambda _, d: mjx.step(self._mjx_model, d), data)
+            return jax.lax.fori_loop(0, count, lambda _, d: self._step(d), data)
+
+    def _step(self, data: mjx.Data) -> mjx.Data:
+        with without_lapack():
+            return mjx.step(self._mjx_model, data)

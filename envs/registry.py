@@ -70,8 +70,8 @@ def make(name: str, backend: str = "auto", dynamics: str = "mujoco") -> Env:
 
     Args:
       name: one of `names()`.
-      backend: "c" (MuJoCo's C engine), "mjx" (MJX in JAX), "warp" (MJX-Warp), or "auto": "c" on CPU, "warp" on an
-        NVIDIA GPU where Warp is installed, else "mjx".
+      backend: "c" (MuJoCo's C engine), "mjx" (MJX in JAX), "warp" (MJX-Warp, on NVIDIA GPUs where it is installed; not
+        tested here), or "auto": "c" on CPU, "mjx" on an accelerator.
       dynamics: "mujoco" as installed, or "legacy" with the capsule inertia of MuJoCo before 2.1.2.
 
     Raises:
@@ -87,7 +87,7 @@ def make(name: str, backend: str = "auto", dynamics: str = "mujoco") -> Env:
 
 def _engine(model: mujoco.MjModel, backend: str) -> Engine:
     if backend == "auto":
-        backend = _best_backend()
+        backend = "c" if jax.default_backend() == "cpu" else "mjx"
     if backend == "c":
         return CEngine(model)
     if backend == "warp" and not _has_warp():
@@ -98,12 +98,6 @@ def _engine(model: mujoco.MjModel, backend: str) -> Engine:
     from envs.mjx_engine import MJXEngine
 
     return MJXEngine(model, "warp" if backend == "warp" else "jax")
-
-
-def _best_backend() -> str:
-    if jax.default_backend() == "cpu":
-        return "c"
-    return "warp" if _has_warp() else "mjx"
 
 
 def _has_warp() -> bool:

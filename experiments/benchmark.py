@@ -171,11 +171,11 @@ def measure_grounding(backend: str, members: int, config: GroundingConfig, secon
     source = envs.make(SOURCE, backend)
     rollout, _ = policies.shipped(SOURCE, "MS")
     target = envs.make(TARGET, "c" if jax.default_backend() == "cpu" else backend)
-    log = target_log.collect(jax.random.key(0), target, rollout, SAMPLES, config.rollout)
+    log = target_log.collect(jax.random.key(0), target, rollout.rollout, SAMPLES)
     keys = jax.random.split(jax.random.key(1), members)
-    state = jax.jit(jax.vmap(lambda key: grounding.init(key, source, rollout.actor, log, config)))(keys)
+    state = jax.jit(jax.vmap(lambda key: grounding.init(key, source, rollout.rollout, log, config)))(keys)
     step = jax.jit(
-        jax.vmap(lambda s: grounding.update(s, source, rollout.actor, log, config)[0]), donate_argnums=0
+        jax.vmap(lambda s: grounding.update(s, source, rollout.rollout, log, config)[0]), donate_argnums=0
     )
     row = measure(_stepper(step, state), members * config.batch_size, seconds)
     return {

@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -17,8 +17,9 @@ import numpy as np
 
 import envs
 from experiments.presets import Preset
-from mpge_jax import agent, ensemble, loop, policies, prediction, target_log, transform_error
+from mpge_jax import agent, ensemble, loop, policies, target_log, transform_error
 from mpge_jax.grounded_env import GroundedEnv
+from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.loop import Curve
 from mpge_jax.policies import PolicySet
 from mpge_jax.sac import SACState
@@ -33,7 +34,7 @@ class Method:
     Attributes:
       name: as on the command line and in tables.
       kind: set of rollout policies, MS or ER.
-      grounding: how transformers are learned; None learns none.
+      grounding: how transformers are learned, `adversarial` being the paper's way; None learns none.
       several_policies: K of the preset, or one.
       ensemble: N of the preset, or one.
       about: one line for `--help` and reports.
@@ -42,7 +43,7 @@ class Method:
     name: str
     about: str
     kind: str = "MS"
-    grounding: str | None = None
+    grounding: Literal["adversarial", "vine", "inversion", "inversion+vine"] | None = None
     several_policies: bool = True
     ensemble: bool = False
 
@@ -73,15 +74,21 @@ METHODS = {
             ensemble=True,
         ),
         Method(
+            "Vine",
+            "this project's: an ensemble, from several draws at every state and a discriminator of residuals",
+            grounding="vine",
+            ensemble=True,
+        ),
+        Method(
             "GAT", "the simulator inverted on the target's transitions, then regressed", grounding="inversion"
         ),
         Method(
             "MPGE+",
-            "an ensemble that starts from the inversion, with episodes from logged states",
-            grounding="both",
+            "this project's: an ensemble from the inversion, then Vine's grounding from logged states",
+            grounding="inversion+vine",
             ensemble=True,
         ),
-        Method("target", "trained in the target: the upper bound"),
+        Method("target", "trained on in the target itself, within the preset's budget"),
     )
 }
 
@@ -132,21 +139,28 @@ def run(cell: Cell, folder: Path, quiet: bool = False) -> Outcome:
     method = METHODS[cell.method]
     target = envs.make(cell.task, cell.backend, cell.dynamics)
     source = envs.make(envs.source_of(cell.task), cell.backend, cell.dynamics)
-    full, _ = policies.shipped(source.name, method.kind)
+    full = _policy_set(source.name, method.kind, cell.preset)
     rotation = [[(seed + k) % full.size for k in range(_policies(cell, method))] for seed in cell.seeds]
     sets = jax.tree.map(lambda *x: jnp.stack(x), *(full.select(indices) for indices in rotation))
 
-    logs: TargetLog | None = None
     transformers: Transformer | None = None
     curve: Curve = {}
     extra: list[dict[str, Any]] = [{} for _ in cell.seeds]
     grounding_seconds = 0.0
+    target_steps = [0] * len(cell.seeds)
     if method.uses_samples:
         logs = _record(cell, method, target, sets, folder)
+        target_steps = [int(np.sum(np.asarray(count))) for count in logs.count]
         started = time.monotonic()
-        transformers, curve = _ground(cell, method, source, target, sets, logs, folder, quiet)
+        transformers, curve, simulated = _ground(cell, method, source, target, sets, logs, folder, quiet)
         grounding_seconds = time.monotonic() - started
-        extra = _errors(cell, source, target, transformers)
+        extra = [
+            {"grounding_simulator_steps": steps, **error}
+            for steps, error in zip(simulated, _errors(cell, source, target, transformers), strict=True)
+        ]
+    elif method.name == "target":
+        settings = cell.preset.tasks[source.name]
+        target_steps = [settings.agent.env_steps(settings.agent_iterations)] * len(cell.seeds)
     learners = _train(cell, method, source, target, sets, transformers, folder, quiet)
     agents = policies.from_learners(learners)
     returns = _evaluate(cell, target, agents)
@@ -156,7 +170,7 @@ def run(cell: Cell, folder: Path, quiet: bool = False) -> Outcome:
             "method": cell.method,
             "samples": cell.samples,
             "seed": seed,
-            "target_steps": 0 if logs is None else int(np.sum(np.asarray(logs.count[i]))),
+            "target_steps": target_steps[i],
             **{name: float(np.mean(values[i])) for name, values in returns.items()},
             **{f"{name}_std": float(np.std(values[i])) for name, values in returns.items()},
             **extra[i],
@@ -170,17 +184,47 @@ def _policies(cell: Cell, method: Method) -> int:
     return cell.preset.policies if method.several_policies else 1
 
 
+def _policy_set(source: str, kind: str, preset: Preset) -> PolicySet:
+    """The rollout policies of a preset.
+
+    Raises:
+      FileNotFoundError: there is no set of that kind and entropy coefficient.
+      ValueError: the set was made with another coefficient than it should.
+    """
+    full, about = policies.shipped(source, kind, preset.entropy_coefficient)
+    made_with = about.get("entropy_coefficient", preset.entropy_coefficient)
+    if kind == "ER" and made_with != preset.entropy_coefficient:
+        raise ValueError(
+            f"the ER set of {source} was made with an entropy coefficient of {made_with}, "
+            f"preset {preset.name} wants {preset.entropy_coefficient}"
+        )
+    return full
+
+
 def _record(cell: Cell, method: Method, target: envs.Env, sets: PolicySet, folder: Path) -> TargetLog:
     """The target logs, every leaf `[S, ...]`; recorded once, then read: a resumed cell takes no more target steps."""
     paths = [folder / f"target_log_{seed}.npz" for seed in cell.seeds]
     if all(path.is_file() for path in paths):
         return jax.tree.map(lambda *x: jnp.stack(x), *map(target_log.load, paths))
-    config = cell.preset.tasks[envs.source_of(cell.task)].grounding.rollout
-    collect = jax.vmap(lambda key, one: target_log.collect(key, target, one, cell.samples, config))
-    logs = collect(cell.keys("log", method.kind, str(_policies(cell, method))), sets)
+    collect = jax.vmap(lambda key, one: target_log.collect(key, target, one, cell.samples))
+    logs = collect(cell.keys("log", method.kind, str(_policies(cell, method))), sets.rollout)
     for i, path in enumerate(paths):
         target_log.save(path, jax.tree.map(lambda x, i=i: x[i], logs))
     return logs
+
+
+def grounding_config(method: Method, preset: Preset, source: str) -> GroundingConfig | None:
+    """How `method` grounds adversarially in a preset; None where it does not."""
+    base = preset.tasks[source].grounding
+    match method.grounding:
+        case "adversarial":
+            return base
+        case "vine":
+            return preset.vine.grounding(base)
+        case "inversion+vine":
+            return preset.plus.grounding(preset.vine.grounding(base))
+        case _:
+            return None
 
 
 def _ground(
@@ -192,9 +236,13 @@ def _ground(
     logs: TargetLog,
     folder: Path,
     quiet: bool,
-) -> tuple[Transformer, Curve]:
+) -> tuple[Transformer, Curve, list[int]]:
+    """Transformers `[S, N, ...]`, the curve `[iterations, S, N]`, and the simulator steps of each seed."""
     seeds, members = len(cell.seeds), cell.preset.members if method.ensemble else 1
-    config = cell.preset.tasks[source.name].grounding
+    config = grounding_config(method, cell.preset, source.name)
+    plus = cell.preset.plus if method.grounding == "inversion+vine" else None
+    rows = [int(np.sum(np.asarray(count))) for count in logs.count]
+    simulated = [0] * seeds
 
     def repeat(tree: Any) -> Any:
         return jax.tree.map(lambda x: jnp.repeat(x, members, axis=0), tree)
@@ -206,48 +254,43 @@ def _ground(
         return jax.vmap(lambda key: jax.random.split(key, members))(cell.keys(stage))
 
     start: Transformer | None = None
-    curve: Curve = {}
-    learned_from, held_out = logs, None
-    if method.grounding == "both":
-        learned_from, held_out = jax.vmap(prediction.hold_out, (0, None))(logs, cell.preset.plus.held_out)
-    if method.grounding in ("inversion", "both"):
-        inverted, _ = ensemble.invert_ensemble(source, learned_from, cell.preset.inversion, keys("inversion"))
-        if method.grounding == "inversion":
-            return inverted, curve
+    if method.grounding in ("inversion", "inversion+vine"):
+        learned_from = logs if plus is None else jax.vmap(lambda log: plus.stopping.hold_out(log)[0])(logs)
+        inversion = cell.preset.inversion
+        inverted, _ = ensemble.invert_ensemble(source, learned_from, inversion, keys("inversion"))
+        simulated = [inversion.simulator_steps(count, source.action_size) for count in rows]
+        if config is None:
+            return inverted, {}, simulated
         start = jax.tree.map(lambda x: x.reshape(seeds * members, *x.shape[2:]), inverted)
-        config = cell.preset.plus.grounding(config)
-        start = start.replace(
-            params={
-                **start.params,
-                "log_std": jnp.full_like(start.params["log_std"], cell.preset.plus.log_std),
-            }
-        )
+        narrow = jnp.full_like(start.params["log_std"], config.transformer.init_log_std)
+        start = start.replace(params={**start.params, "log_std": narrow})
+    assert config is not None
     transformers, curve = ensemble.ground_ensemble(
         source,
-        repeat(sets),
-        repeat(learned_from),
+        repeat(sets.rollout),
+        repeat(logs),
         config,
         keys("grounding").reshape(-1),
         truth=transform_error.truth_of(target),
         start=start,
+        stopping=None if plus is None else plus.stopping,
         folder=folder / "grounding",
         quiet=quiet,
         title=f"{cell.method} {cell.samples}: grounding {seeds} x {members}",
     )
-    if start is not None:
-        transformers = _better(source, start, transformers, repeat(logs), repeat(held_out))
-    return fold(transformers), {
-        name: values.reshape(len(values), seeds, members) for name, values in curve.items()
-    }
-
-
-def _better(
-    source: envs.Env, one: Transformer, other: Transformer, logs: TargetLog, held_out: jax.Array
-) -> Transformer:
-    """Of every pair of transformers the one that predicts the held-out rows of its log better, `[S * N, ...]`."""
-    judge = jax.jit(jax.vmap(lambda pi_g, log, rows: prediction.one_step_error(source, pi_g, log, rows)))
-    keep = judge(one, logs, held_out) <= judge(other, logs, held_out)
-    return jax.tree.map(lambda a, b: jnp.where(keep.reshape(-1, *(1,) * (a.ndim - 1)), a, b), one, other)
+    iterations = len(curve["reward"])
+    simulated = [
+        before
+        + members
+        * (
+            iterations * config.simulator_steps
+            + (count if config.needs_expected else 0)
+            + ((iterations + 1) * min(plus.stopping.rows, count) if plus is not None else 0)
+        )
+        for before, count in zip(simulated, rows, strict=True)
+    ]
+    folded = {name: values.reshape(len(values), seeds, members) for name, values in curve.items()}
+    return fold(transformers), folded, simulated
 
 
 def _errors(
@@ -314,12 +357,12 @@ def _train(
 
 def _evaluate(cell: Cell, target: envs.Env, agents: PolicySet) -> dict[str, np.ndarray]:
     """Returns in the target, `[S, episodes]`, for reporting only."""
-    config, episodes = cell.preset.tasks[envs.source_of(cell.task)].agent.sac, cell.preset.episodes
+    episodes = cell.preset.episodes
     return {
         name: np.asarray(
-            jax.jit(
-                jax.vmap(lambda k, actor, s=stochastic: agent.evaluate(k, target, actor, config, episodes, s))
-            )(cell.keys(f"evaluation {name}"), agents.actor)
+            jax.jit(jax.vmap(lambda k, actor, s=stochastic: agent.evaluate(k, target, actor, episodes, s)))(
+                cell.keys(f"evaluation {name}"), agents.actor
+            )
         )
         for name, stochastic in (("return_stochastic", True), ("return_deterministic", False))
     }

@@ -1,14 +1,18 @@
 """Frozen configurations: `quick` (minutes), `standard` (hours on two cores), `paper` (its text), `release` (its code).
 
-All methods of a preset share its budgets. `paper` and `release` differ where the paper's text and its authors'
-experiments do (which is which is said beside the numbers).
+All methods of a preset share its budgets. `SPG`, `MPG` and `MPGE` have the paper's structure in every preset; where a
+preset's numbers follow the paper or its authors' code and where they do not is listed fact by fact in
+docs/presets.md, which `python -m experiments.facts` writes. `quick` and `standard` were tuned on tasks that no table
+shows (`experiments.tuning`, docs/tuning.md) and are frozen.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from mpge_jax import policies
 from mpge_jax.agent import AgentConfig
 from mpge_jax.discriminator import DiscriminatorConfig
+from mpge_jax.early_stop import EarlyStop
 from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.inversion import InversionConfig
 from mpge_jax.sac import SACConfig
@@ -37,26 +41,70 @@ class TaskSettings:
 
 
 @dataclass(frozen=True)
-class PlusSettings:
-    """How the grounding of `MPGE+` differs from that of the other methods.
+class VineSettings:
+    """How the grounding of `Vine` differs from the paper's (docs/grounding.md), at the same batch.
 
     Attributes:
-      iterations: outer iterations after the inversion.
+      branches: draws of pi_g at each state.
+      max_kl: TRPO's trust region.
+      discriminator_updates: gradient steps on D in one iteration.
+      learning_rate, penalty_coefficient: of D, which judges s' less the simulator's own step.
+      memory: share of the run that the average of the iterates reaches back over.
+    """
+
+    branches: int = 8
+    max_kl: float = 0.03
+    discriminator_updates: int = 12
+    learning_rate: float = 1e-3
+    penalty_coefficient: float = 5.0
+    memory: float = 0.05
+
+    def grounding(self, base: GroundingConfig) -> GroundingConfig:
+        """The grounding configuration of `Vine` where the paper's structure has `base`.
+
+        Raises:
+          ValueError: the steps of an iteration cannot be divided by the branches.
+        """
+        if base.steps_per_iteration % self.branches:
+            raise ValueError(
+                f"Vine: {base.steps_per_iteration} steps an iteration cannot be divided into {self.branches} branches"
+            )
+        return replace(
+            base,
+            steps_per_iteration=base.steps_per_iteration // self.branches,
+            branches=self.branches,
+            policy=TRPOConfig(max_kl=self.max_kl),
+            discriminator=replace(
+                base.discriminator,
+                next_as="residual",
+                learning_rate=self.learning_rate,
+                penalty_coefficient=self.penalty_coefficient,
+            ),
+            discriminator_updates=self.discriminator_updates,
+            averaging=max(0.0, 1.0 - 1.0 / (self.memory * base.iterations)),
+        )
+
+
+@dataclass(frozen=True)
+class PlusSettings:
+    """How the adversarial stage of `MPGE+` differs from the grounding of `Vine`.
+
+    Attributes:
+      iterations: outer iterations after the inversion, at most.
       restart_steps: length of the episodes, which start in logged states.
       log_std: where the spread starts, as narrow as the inversion is good.
       max_kl: TRPO's trust region.
-      held_out: share of every policy's log kept back from learning, to choose between the inversion and what
-        adversarial grounding made of it.
+      stopping: rows kept back, by which the stage ends and its best moment, the inversion among them, is kept.
     """
 
     iterations: int = 100
     restart_steps: int = 2
     log_std: float = -3.0
     max_kl: float = 1e-3
-    held_out: float = 0.2
+    stopping: EarlyStop = field(default_factory=EarlyStop)
 
     def grounding(self, base: GroundingConfig) -> GroundingConfig:
-        """The grounding configuration of `MPGE+`."""
+        """The grounding configuration of `MPGE+` where `Vine` has `base`."""
         return replace(
             base,
             iterations=min(self.iterations, base.iterations),
@@ -73,8 +121,10 @@ class Preset:
     Attributes:
       name: as on the command line.
       tasks: settings by source task.
+      vine: of `Vine`, and of the adversarial stage of `MPGE+`.
       inversion: of `GAT`, and of the start of `MPGE+`.
       plus: of `MPGE+`.
+      entropy_coefficient: of the ER set of rollout policies.
       policies: rollout policies of a set, K (SPG has one).
       members: transformers of an ensemble, N.
       episodes: of an evaluation in the target, as many deterministic as stochastic.
@@ -82,14 +132,16 @@ class Preset:
 
     name: str
     tasks: Mapping[str, TaskSettings]
+    vine: VineSettings = field(default_factory=VineSettings)
     inversion: InversionConfig = field(default_factory=InversionConfig)
     plus: PlusSettings = field(default_factory=PlusSettings)
+    entropy_coefficient: float = policies.ER_COEFFICIENT
     policies: int = 5
     members: int = 5
     episodes: int = 50
 
 
-# Four fresh transitions an update, small batches, higher learning rates: measured on two cores, see docs/results.md.
+# Four fresh transitions an update, small batches, higher learning rates: chosen on the source tasks.
 _FAST_SAC = SACConfig(actor_lr=1e-3, critic_lr=1e-3, alpha_lr=1e-3, batch_size=128)
 
 
@@ -99,41 +151,43 @@ def _fast_agent(updates: int, random_steps: int) -> AgentConfig:
 
 
 def _fast(iterations: int, log_std: float, updates: int, random_steps: int) -> TaskSettings:
-    # Progress goes by updates rather than by steps, so trust-region steps are long, and the iterates averaged. Eight
-    # draws of pi_g at each of 256 states: without the noise of a value function every such step counts. D sees what
-    # the simulator leaves unexplained, and need not learn its dynamics before it can say what differs.
     grounding = GroundingConfig(
-        steps_per_iteration=4,
-        branches=8,
         iterations=iterations,
         transformer=TransformerConfig(init_log_std=log_std),
         policy=TRPOConfig(max_kl=0.03),
-        discriminator=DiscriminatorConfig(learning_rate=1e-3, penalty_coefficient=5.0, next_as="residual"),
+        discriminator=DiscriminatorConfig(learning_rate=1e-3),
         discriminator_updates=12,
-        # The average reaches back over about a twentieth of the run.
-        averaging=1.0 - 20.0 / iterations,
     )
     return TaskSettings(grounding, _fast_agent(updates, random_steps), updates)
 
 
-def _paper_agent(random_steps: int, capacity: int = 1_000_000) -> AgentConfig:
+def _paper_agent(random_steps: int) -> AgentConfig:
     return AgentConfig(
         num_envs=1,
         steps_per_iteration=256,
         updates_per_iteration=256,
+        # One update after every step, as in Stable-Baselines3, the paper's agent.
+        alternations=256,
         random_steps=random_steps,
-        buffer_capacity=capacity,
+        buffer_capacity=1_000_000,
     )
 
 
-def _paper(grounding: GroundingConfig) -> dict[str, TaskSettings]:
-    # 3M steps of the agent, 2M on the pendulum, whose values also learn slower (facts 6 and 26). How long grounding
-    # runs is not said: 2M steps, where the error of a wide start has levelled off.
-    pendulum = replace(grounding, value_learning_rate=3e-4)
+def _paper(grounding: GroundingConfig, steps: Mapping[str, int]) -> dict[str, TaskSettings]:
+    """Grounding for so many simulator `steps`; agents for 3M steps, the random ones included, 2M on the pendulum."""
+
+    def of(task: str) -> GroundingConfig:
+        return replace(grounding, iterations=-(-steps[task] // grounding.simulator_steps))
+
     return {
-        "InvertedPendulum": TaskSettings(pendulum, _paper_agent(1_000), 2_000_000),
-        "Hopper": TaskSettings(grounding, _paper_agent(1_000), 3_000_000),
-        "HalfCheetah": TaskSettings(grounding, _paper_agent(10_000), 3_000_000),
+        # The pendulum's values learn slower (fact 6).
+        "InvertedPendulum": TaskSettings(
+            replace(of("InvertedPendulum"), value_learning_rate=3e-4),
+            _paper_agent(1_000),
+            2_000_000 - 1_000,
+        ),
+        "Hopper": TaskSettings(of("Hopper"), _paper_agent(1_000), 3_000_000 - 1_000),
+        "HalfCheetah": TaskSettings(of("HalfCheetah"), _paper_agent(10_000), 3_000_000 - 10_000),
     }
 
 
@@ -163,10 +217,10 @@ PAPER = Preset(
         GroundingConfig(
             num_envs=1,
             steps_per_iteration=2048,
-            iterations=1000,
             discriminator_updates=4,
             discriminator_batch=512,
-        )
+        ),
+        {"InvertedPendulum": 5_000_000, "Hopper": 20_000_000, "HalfCheetah": 20_000_000},
     ),
 )
 
@@ -176,14 +230,15 @@ RELEASE = Preset(
         GroundingConfig(
             num_envs=1,
             steps_per_iteration=2048,
-            iterations=1000,
             discriminator=DiscriminatorConfig(labels="release", interpolation="constant"),
             discriminator_updates=8,
             discriminator_batch=256,
             discriminator_first=False,
             value_heads="one_hot",
-        )
+        ),
+        dict.fromkeys(("InvertedPendulum", "Hopper", "HalfCheetah"), 20_000_000),
     ),
+    entropy_coefficient=0.01,
 )
 
 PRESETS = {preset.name: preset for preset in (QUICK, STANDARD, PAPER, RELEASE)}

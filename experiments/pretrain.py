@@ -23,6 +23,7 @@ import numpy as np
 import tyro
 
 import envs
+from envs import select
 from mpge_jax import agent, loop, policies
 from mpge_jax.agent import AgentConfig, AgentState
 from mpge_jax.policies import PolicySet
@@ -78,7 +79,7 @@ class Args:
     kind: Literal["MS", "ER"] = "MS"
     count: int = 5
     updates: int | None = None
-    entropy_coefficient: float = 0.1
+    entropy_coefficient: float = policies.ER_COEFFICIENT
     seed: int = 0
     out: Path | None = None
     quiet: bool = False
@@ -101,7 +102,7 @@ def train(args: Args, folder: Path) -> tuple[PolicySet, dict[str, Any]]:
         "kind": args.kind,
         "seed": args.seed,
         "updates": iterations * config.updates_per_iteration,
-        "env_steps": config.random_steps + iterations * config.env_steps_per_iteration,
+        "env_steps": config.env_steps(iterations),
         "entropy_coefficient": args.entropy_coefficient if args.kind == "ER" else 0.0,
         "config": dataclasses.asdict(config),
         "kept": f"best of {iterations // ITERATIONS_BETWEEN_TRIALS} trials of {TRIAL_EPISODES} episodes in the source",
@@ -116,9 +117,7 @@ def returns_of(result: PolicySet, env: envs.Env, config: SACConfig, seed: int) -
     keys = jax.random.split(jax.random.key(seed), result.size)
     measured = {}
     for name, stochastic in (("deterministic", False), ("stochastic", True)):
-        evaluate = jax.jit(
-            jax.vmap(lambda k, a, s=stochastic: agent.evaluate(k, env, a, config, EPISODES, s).mean())
-        )
+        evaluate = jax.jit(jax.vmap(lambda k, a, s=stochastic: agent.evaluate(k, env, a, EPISODES, s).mean()))
         measured[name] = [round(float(x), 1) for x in evaluate(keys, result.actor)]
     return measured
 
@@ -127,7 +126,9 @@ def begin(agents: AgentState) -> Training:
     """The start of a training whose agents `[M, ...]` have not learned yet."""
     # Copied: both are donated to the first iteration.
     best = jax.tree.map(jnp.copy, agents.learner)
-    return Training(agents, best, jnp.full(agents.last_return.shape[0], -jnp.inf), jnp.zeros((), jnp.int32))
+    return Training(
+        agents, best, jnp.full(agents.last_return.shape[0], -jnp.inf, jnp.float32), jnp.zeros((), jnp.int32)
+    )
 
 
 def iterate(
@@ -140,15 +141,10 @@ def iterate(
     def trial(best: SACState, best_return: jax.Array) -> tuple[SACState, jax.Array]:
         # The same starts every time, so that moments differ by the policy alone.
         returns = jax.vmap(
-            lambda actor: agent.evaluate(jax.random.key(0), env, actor, config.sac, TRIAL_EPISODES).mean()
+            lambda actor: agent.evaluate(jax.random.key(0), env, actor, TRIAL_EPISODES).mean()
         )(agents.learner.actor)
         better = returns > best_return
-        best = jax.tree.map(
-            lambda new, old: jnp.where(better.reshape(better.shape + (1,) * (new.ndim - 1)), new, old),
-            agents.learner,
-            best,
-        )
-        return best, jnp.where(better, returns, best_return)
+        return select(better, (agents.learner, returns), (best, best_return))
 
     best, best_return = jax.lax.cond(
         iteration % ITERATIONS_BETWEEN_TRIALS == 0, trial, lambda *kept: kept, state.best, state.best_return
@@ -175,17 +171,16 @@ def _train_er(
     # The set so far, padded to its final size, so that every member of the sequence runs the same program.
     padded = first.select([0] * args.count)
 
-    def bonus(obs: jax.Array, earlier: PolicySet, weights: jax.Array) -> jax.Array:
-        return args.entropy_coefficient * policies.mean_entropy(earlier, weights, obs, config.sac)
+    bonus = partial(policies.entropy_bonus, args.entropy_coefficient)
 
     def start(key: jax.Array, earlier: PolicySet, weights: jax.Array) -> Training:
-        new = agent.init(key, env, config, bonus=lambda o: bonus(o, earlier, weights))
+        new = agent.init(key, env, config, bonus=bonus(earlier, weights))
         return begin(jax.tree.map(lambda x: x[None], new))
 
     def update(
         state: Training, earlier: PolicySet, weights: jax.Array
     ) -> tuple[Training, dict[str, jax.Array]]:
-        return iterate(state, env, config, lambda o: bonus(o, earlier, weights))
+        return iterate(state, env, config, bonus(earlier, weights))
 
     compiled_start, compiled_update = jax.jit(start), jax.jit(update, donate_argnums=0)
     for index in range(1, args.count):
@@ -225,9 +220,8 @@ def _loop_options(
 
 
 def _set_path(args: Args, kind: str) -> Path:
-    if args.out is None:
-        return policies.shipped_path(args.task, kind)
-    return args.out / f"{args.task}-{kind}.npz"
+    shipped = policies.shipped_path(args.task, kind, args.entropy_coefficient)
+    return shipped if args.out is None else args.out / shipped.name
 
 
 def main(args: Args) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from scipy import stats
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -21,6 +22,7 @@ _COLOURS = {
     "MPG-ER": "#CC79A7",
     "MPGE-MS": "#0072B2",
     "MPGE-ER": "#D55E00",
+    "Vine": "#F0E442",
     "GAT": "#999999",
     "MPGE+": "#009E73",
 }
@@ -44,12 +46,25 @@ def _cell(values: list[float], digits: int) -> str:
     return f"{np.mean(values):.{digits}f}{spread}"
 
 
+def interval(values: list[float]) -> tuple[float, float] | None:
+    """The 95 % interval of the mean over seeds (Student's t); None of one seed."""
+    if len(values) < 2:
+        return None
+    half = float(stats.t.ppf(0.975, len(values) - 1)) * _spread(values) / len(values) ** 0.5
+    return float(np.mean(values)) - half, float(np.mean(values)) + half
+
+
+def _interval(values: list[float]) -> str:
+    ends = interval(values)
+    return "" if ends is None else f"{ends[0]:.0f} to {ends[1]:.0f}"
+
+
 def markdown(rows: Rows, order: list[str], failures: dict[str, str]) -> str:
     """The results as a Markdown table: mean ± std over seeds (ddof 1), the paper's mean beside."""
     lines = [
-        "| method | samples | seeds | return, stochastic | return, deterministic | paper | transform error |"
-        " target steps a seed |",
-        "|---|---|---|---|---|---|---|---|",
+        "| method | samples | seeds | return, stochastic | 95 % interval of its mean | return, deterministic | paper "
+        "| transform error | target steps a seed | simulator steps to ground, a seed |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     groups = _groups(rows)
     for method, samples in sorted(groups, key=lambda cell: (order.index(cell[0]), cell[1])):
@@ -57,10 +72,15 @@ def markdown(rows: Rows, order: list[str], failures: dict[str, str]) -> str:
         column = lambda name, g=group: [row[name] for row in g if row.get(name) is not None]  # noqa: E731
         published = paper.mean_return(group[0]["task"], method, samples)
         steps = sorted({row["target_steps"] for row in group})
+        simulated = sorted(
+            {row["grounding_simulator_steps"] for row in group if "grounding_simulator_steps" in row}
+        )
         lines.append(
             f"| {method} | {samples or '-'} | {len(group)} | {_cell(column('return_stochastic'), 0)} "
+            f"| {_interval(column('return_stochastic'))} "
             f"| {_cell(column('return_deterministic'), 0)} | {'' if published is None else f'{published:.0f}'} "
-            f"| {_cell(column('transform_error'), 3)} | {'/'.join(map(str, steps))} |"
+            f"| {_cell(column('transform_error'), 3)} | {'/'.join(f'{x:,}' for x in steps)} "
+            f"| {'/'.join(f'{x:,}' for x in simulated)} |"
         )
     for cell, error in failures.items():
         lines.append(f"\n{cell} failed: {error}")
@@ -96,8 +116,17 @@ def returns_figure(rows: Rows, path: Path, task: str) -> None:
     _save(figure, path)
 
 
-def errors_figure(curves: dict[tuple[str, int], Curve], path: Path, task: str, batch: int) -> None:
-    """Action-transformation error (uniform actions, logged states) against simulator steps of one transformer."""
+def errors_figure(
+    curves: dict[tuple[str, int], Curve], path: Path, task: str, steps_of: dict[str, int]
+) -> None:
+    """Action-transformation error (uniform actions, logged states) against simulator steps of one transformer.
+
+    Args:
+      curves: by method and samples.
+      path: the picture.
+      task: its title.
+      steps_of: simulator steps of one iteration, by method.
+    """
     figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
     styles = {
         samples: style
@@ -107,7 +136,7 @@ def errors_figure(curves: dict[tuple[str, int], Curve], path: Path, task: str, b
         if "error_uniform" not in curve:
             continue
         error = curve["error_uniform"].reshape(len(curve["error_uniform"]), -1)
-        steps = batch * (1 + np.arange(len(error)))
+        steps = steps_of[method] * (1 + np.arange(len(error)))
         style = styles.get(samples, "-")
         colour = _COLOURS.get(method, "black")
         axes.plot(steps, error.mean(axis=1), color=colour, linestyle=style, label=f"{method}, {samples}")

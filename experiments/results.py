@@ -139,10 +139,9 @@ def budgets(identity: dict[str, Any]) -> str:
     if settings is None:
         return f"Budget: {shared}."
     grounding, agent = settings["grounding"], settings["agent"]
-    # Sweeps from before branches were a setting have none.
-    batch = grounding["num_envs"] * grounding["steps_per_iteration"] * grounding.get("branches", 1)
+    batch = grounding["num_envs"] * grounding["steps_per_iteration"]
     return (
-        f"Budget: {grounding['iterations']:,} grounding iterations of {batch:,} simulator steps for each transformer, "
+        f"Budget: {grounding['iterations']:,} grounding iterations of {batch:,} transitions for each transformer, "
         f"{settings['agent_updates']:,} SAC updates of batch {agent['sac']['batch_size']} for each agent, {shared}."
     )
 
@@ -221,7 +220,10 @@ def sweep_section(sweep: Sweep, images: Path, page: Path) -> str:
 
 def _where(versions: dict[str, str]) -> str:
     shown = ", ".join(f"{name} {versions[name]}" for name in ("jax", "mujoco") if name in versions)
-    return f"{versions.get('machine', 'unknown machine')}; Python {versions.get('python', '?')}, {shown}"
+    return (
+        f"{versions.get('machine', 'unknown machine')}; commit {versions.get('commit', '?')}, "
+        f"Python {versions.get('python', '?')}, {shown}"
+    )
 
 
 def policies_section() -> str:
@@ -297,7 +299,11 @@ def page(args: Args) -> str:
     parts = [
         "# Results",
         f"Written by `python -m experiments.results {listed}` from the files that these runs left; nothing here is "
-        "typed by hand. Returns are mean ± standard deviation over seeds (each the mean of its evaluation episodes); "
+        "typed by hand. Returns are mean ± standard deviation over seeds (each the mean of its evaluation episodes), "
+        "with the 95 % interval of the mean over seeds (Student's t): methods whose intervals overlap are not told "
+        "apart. "
+        "`target` trains on in the target from the same source policy within the preset's budget, which is no upper "
+        "bound; "
         "`paper` is the mean that the paper's tables report, under the paper's own budgets.",
     ]
     if read:

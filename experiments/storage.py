@@ -7,6 +7,7 @@ import json
 import os
 import platform
 import shutil
+import subprocess
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from mpge_jax.loop import Curve
 from mpge_jax.policies import PolicySet
 from mpge_jax.transformer import Transformer
 
+ROOT = Path(__file__).resolve().parents[1]
 _PACKAGES = (
     "jax",
     "jaxlib",
@@ -45,13 +47,25 @@ def plain(value: Any) -> Any:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what results depend on, and the kind of machine."""
+    """The project's commit, versions of what else results depend on, and the kind of machine."""
     device = jax.devices()[0]
     return {
+        "commit": commit(),
         "python": platform.python_version(),
         **{name: version(name) for name in _PACKAGES},
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, {device.device_kind}",
     }
+
+
+def commit(root: Path = ROOT) -> str:
+    """The commit that `root` is a checkout of, with `-dirty` where files differ from it; "none" where it is not one."""
+    if not (root / ".git").exists():
+        return "none"
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "none"
 
 
 class SweepFolder:

@@ -107,6 +107,12 @@ def sweep(args: Args) -> int:
     folder = SweepFolder(out, identity)
     console.print(f"{args.task}, preset {preset.name}, seeds {args.seeds}, results in {out}")
     console.print(pprint.pformat(settings, width=110), highlight=False)
+    source = envs.source_of(args.task)
+    steps = {
+        name: config.simulator_steps
+        for name, method in METHODS.items()
+        if (config := methods.grounding_config(method, preset, source)) is not None
+    }
     failures: dict[str, str] = {}
     for number, cell in enumerate(cells, 1):
         label = f"[{number}/{len(cells)}] {cell.method}" + (
@@ -132,14 +138,14 @@ def sweep(args: Args) -> int:
         folder.save_cell(cell.method, cell.samples, rows, outcome.curve, outcome.transformers, outcome.agents)
         mean = sum(row["return_stochastic"] for row in rows) / len(rows)
         console.print(f"{label}: return {mean:.0f} in the target, {seconds:.0f} s", highlight=False)
-        write_report(folder, args.task, settings.grounding.batch_size, failures)
-    write_report(folder, args.task, settings.grounding.batch_size, failures)
+        write_report(folder, args.task, steps, failures)
+    write_report(folder, args.task, steps, failures)
     Console().print(Markdown((out / "results.md").read_text()))
     console.print(f"tables and pictures: {out}", highlight=False)
     return len(failures)
 
 
-def write_report(folder: SweepFolder, task: str, batch: int, failures: dict[str, str]) -> None:
+def write_report(folder: SweepFolder, task: str, steps: dict[str, int], failures: dict[str, str]) -> None:
     """Tables and pictures of what is there so far."""
     rows = folder.rows()
     folder.write_tables(report.markdown(rows, list(METHODS), failures))
@@ -147,7 +153,7 @@ def write_report(folder: SweepFolder, task: str, batch: int, failures: dict[str,
         report.returns_figure(rows, folder.path / "returns.png", task)
     curves = folder.curves()
     if any("error_uniform" in curve for curve in curves.values()):
-        report.errors_figure(curves, folder.path / "errors.png", task, batch)
+        report.errors_figure(curves, folder.path / "errors.png", task, steps)
 
 
 def main() -> int:

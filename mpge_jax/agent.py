@@ -11,7 +11,7 @@ import flax.struct
 import jax
 import jax.numpy as jnp
 
-from envs import AutoReset, Environment, State
+from envs import AutoReset, Environment, State, select
 from mpge_jax import buffer as replay
 from mpge_jax import sac
 from mpge_jax.sac import Actor, SACConfig, SACState
@@ -28,6 +28,8 @@ class AgentConfig:
       num_envs: parallel environments, E.
       steps_per_iteration: steps of every environment in one compiled iteration.
       updates_per_iteration: SAC updates in one compiled iteration.
+      alternations: in how many equal parts an iteration alternates between steps and updates; with as many as there
+        are steps and updates, each step is followed by one update.
       buffer_capacity: transitions kept.
       random_steps: uniformly random steps (over all environments) before the policy acts and learning begins.
     """
@@ -36,13 +38,25 @@ class AgentConfig:
     num_envs: int = 16
     steps_per_iteration: int = 64
     updates_per_iteration: int = 256
+    alternations: int = 1
     buffer_capacity: int = 1_000_000
     random_steps: int = 10_000
 
     def __post_init__(self) -> None:
-        for name in ("num_envs", "steps_per_iteration", "updates_per_iteration", "random_steps"):
+        for name in (
+            "num_envs",
+            "steps_per_iteration",
+            "updates_per_iteration",
+            "alternations",
+            "random_steps",
+        ):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}.")
+        for name in ("steps_per_iteration", "updates_per_iteration"):
+            if getattr(self, name) % self.alternations:
+                raise ValueError(
+                    f"{name} of {getattr(self, name)} cannot be divided into {self.alternations} alternations."
+                )
         random_steps = -(-self.random_steps // self.num_envs) * self.num_envs
         needed = max(random_steps, self.num_envs * self.steps_per_iteration)
         if self.buffer_capacity < needed:
@@ -53,6 +67,11 @@ class AgentConfig:
     @property
     def env_steps_per_iteration(self) -> int:
         return self.num_envs * self.steps_per_iteration
+
+    def env_steps(self, iterations: int) -> int:
+        """Environment steps of a training of so many iterations, the random ones included."""
+        random_steps = -(-self.random_steps // self.num_envs) * self.num_envs
+        return random_steps + iterations * self.env_steps_per_iteration
 
 
 class AgentState(flax.struct.PyTreeNode):
@@ -89,7 +108,7 @@ def init(
         buffer=replay.init(config.buffer_capacity, env.observation_size, env.action_size),
         env_state=env_state,
         episode_return=zeros,
-        last_return=jnp.full(config.num_envs, jnp.nan),
+        last_return=jnp.full(config.num_envs, jnp.nan, jnp.float32),
         key=key,
     )
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
@@ -104,7 +123,7 @@ def init(
 def iterate(
     state: AgentState, env: Environment, config: AgentConfig, bonus: RewardBonus | None = None
 ) -> tuple[AgentState, dict[str, jax.Array]]:
-    """One iteration: `steps_per_iteration` in each environment, then `updates_per_iteration` SAC updates.
+    """One iteration: `steps_per_iteration` in each environment and `updates_per_iteration` SAC updates.
 
     Args:
       state: where training stands.
@@ -116,16 +135,22 @@ def iterate(
       The next state and metrics: SAC's own, and `return`, the mean return (bonus excluded) of every environment's last
       finished episode, NaN before the first.
     """
-    key, key_act, key_update = jax.random.split(state.key, 3)
+    steps = config.steps_per_iteration // config.alternations
+    updates = config.updates_per_iteration // config.alternations
 
-    def policy(obs: jax.Array, key: jax.Array) -> jax.Array:
-        return sac.act(state.learner.actor, obs, key, config.sac)
+    def alternate(state: AgentState, _: None) -> tuple[AgentState, dict[str, jax.Array]]:
+        key, key_act, key_update = jax.random.split(state.key, 3)
 
-    state = _collect(state.replace(key=key), env, policy, key_act, config.steps_per_iteration, bonus)
-    learner, metrics = sac.update_many(
-        state.learner, state.buffer, key_update, config.updates_per_iteration, config.sac
-    )
-    return state.replace(learner=learner), {**metrics, "return": jnp.nanmean(state.last_return)}
+        def policy(obs: jax.Array, key: jax.Array) -> jax.Array:
+            return sac.act(state.learner.actor, obs, key)
+
+        state = _collect(state.replace(key=key), env, policy, key_act, steps, bonus)
+        learner, metrics = sac.update_many(state.learner, state.buffer, key_update, updates, config.sac)
+        return state.replace(learner=learner), metrics
+
+    state, metrics = jax.lax.scan(alternate, state, None, config.alternations)
+    metrics = jax.tree.map(lambda x: jnp.mean(x, axis=0), metrics)
+    return state, {**metrics, "return": jnp.nanmean(state.last_return)}
 
 
 def _collect(
@@ -164,7 +189,6 @@ def evaluate(
     key: jax.Array,
     env: Environment,
     actor: Actor,
-    config: SACConfig,
     episodes: int = 50,
     stochastic: bool = False,
 ) -> jax.Array:
@@ -174,18 +198,13 @@ def evaluate(
 
     def body(carry: tuple[State, jax.Array, jax.Array], key: jax.Array) -> tuple[Any, None]:
         env_state, total, alive = carry
-        action = sac.act(actor, env_state.obs, key if stochastic else None, config)
+        action = sac.act(actor, env_state.obs, key if stochastic else None)
         after = jax.vmap(env.step)(env_state, action)
         total = total + jnp.where(alive > 0, after.reward, 0.0)
         # Episodes that are over stay where they ended, so that no diverging state reaches the engine.
         ended = alive * after.done
         keep = alive > 0
-        env_state = jax.tree.map(
-            lambda new, old: jnp.where(keep.reshape(keep.shape + (1,) * (new.ndim - 1)), new, old),
-            after,
-            env_state,
-        )
-        return (env_state, total, alive - ended), None
+        return (select(keep, after, env_state), total, alive - ended), None
 
     carry = (first, jnp.zeros(episodes), jnp.ones(episodes))
     (_, total, _), _ = jax.lax.scan(body, carry, jax.random.split(key_act, env.max_steps))

@@ -9,10 +9,10 @@ import flax.struct
 import jax
 import jax.numpy as jnp
 
-from envs import Env, State
-from mpge_jax import sac, transformer
+from envs import Env, State, select
+from mpge_jax import transformer
 from mpge_jax.grounding_config import GroundingConfig
-from mpge_jax.sac import Actor
+from mpge_jax.rollout import RolloutPolicies
 from mpge_jax.target_log import TargetLog
 from mpge_jax.transformer import Transformer
 
@@ -42,7 +42,7 @@ def collect(
     pi_g: Transformer,
     begun: tuple[State, jax.Array],
     env: Env,
-    policies: Actor,
+    policies: RolloutPolicies,
     log: TargetLog,
     config: GroundingConfig,
 ) -> tuple[tuple[State, jax.Array], Rows]:
@@ -55,16 +55,16 @@ def collect(
       What `begun` has become, and the rows in the order `[T, J, B]`.
     """
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
-    every = jnp.arange(config.num_envs)
+
+    def ask(obs: jax.Array, key: jax.Array, which: jax.Array) -> jax.Array:
+        # All K policies act and one is picked: cheaper than gathering B copies of a policy's weights.
+        return jax.vmap(policies.act, (0, None, None))(policies.params, obs, key)[which]
 
     def body(carry: tuple[State, jax.Array], key: jax.Array) -> tuple[Any, Rows]:
         env_state, which = carry
         key_act, key_delta, key_start = jax.random.split(key, 3)
         obs = env_state.obs
-        # All K policies act and one is picked: cheaper than gathering B copies of a policy's weights.
-        keys = jax.random.split(key_act, policies.action_scale.shape[0])
-        offers = jax.vmap(lambda actor, k: sac.act(actor, obs, k, config.rollout))(policies, keys)
-        action = offers[which, every]
+        action = jax.vmap(ask)(obs, jax.random.split(key_act, config.num_envs), which)
         expected = jax.vmap(env.predict)(obs, action) if config.needs_expected else None
         # A branch is a copy of the whole row of simulators; the first is the one that goes on.
         before, at, asked, asker, expected = jax.tree.map(
@@ -80,12 +80,7 @@ def collect(
         if config.restart_steps:
             ended = ended | (after.info["steps"] >= config.restart_steps)
         fresh = jax.vmap(lambda k: start(k, env, log, config))(jax.random.split(key_start, config.num_envs))
-        carry = jax.tree.map(
-            lambda new, old: jnp.where(ended.reshape(ended.shape + (1,) * (new.ndim - 1)), new, old),
-            fresh,
-            (after, which),
-        )
-        return carry, row
+        return select(ended, fresh, (after, which)), row
 
     keys = jax.random.split(key, config.steps_per_iteration)
     begun, rows = jax.lax.scan(body, begun, keys)

@@ -11,14 +11,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh
 
 from envs import Env
-from mpge_jax import grounding, inversion, loop, target_log, transform_error
+from mpge_jax import early_stop, grounding, inversion, loop, sharding, target_log, transform_error
+from mpge_jax.early_stop import EarlyStop
 from mpge_jax.grounding import GroundingState
 from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.inversion import InversionConfig
 from mpge_jax.loop import Curve
-from mpge_jax.policies import PolicySet
+from mpge_jax.rollout import RolloutPolicies
 from mpge_jax.target_log import TargetLog
 from mpge_jax.transform_error import Truth
 from mpge_jax.transformer import Transformer
@@ -26,7 +28,7 @@ from mpge_jax.transformer import Transformer
 
 def ground(
     env: Env,
-    rollout_policies: PolicySet,
+    rollout_policies: RolloutPolicies,
     target_log: TargetLog,
     config: GroundingConfig,
     key: jax.Array,
@@ -60,13 +62,15 @@ def ground(
 
 def ground_ensemble(
     env: Env,
-    rollout_policies: PolicySet,
+    rollout_policies: RolloutPolicies,
     logs: TargetLog,
     config: GroundingConfig,
     keys: jax.Array,
     *,
     truth: Truth | None = None,
     start: Transformer | None = None,
+    stopping: EarlyStop | None = None,
+    mesh: Mesh | None = None,
     folder: Path | str | None = None,
     quiet: bool = False,
     title: str = "grounding",
@@ -75,12 +79,15 @@ def ground_ensemble(
 
     Args:
       env: the simulator.
-      rollout_policies: every leaf `[N, K, ...]`.
+      rollout_policies: the policies of each; every leaf `[N, K, ...]`.
       logs: every leaf `[N, ...]`.
       config: how to learn.
       keys: `[N]`, consumed.
       truth: the true change of actions, where it is known: the curve then has the action-transformation errors.
       start: transformers to go on from, every leaf `[N, ...]`; fresh ones where None.
+      stopping: keeps rows of each log back, ends when they are predicted no better, and returns the best; else the
+        last is returned.
+      mesh: devices with the axes `members` and `environments` to spread the work over, see `mpge_jax.sharding`.
       folder: where checkpoints are kept, if anywhere.
       quiet: no progress bar.
       title: shown before the progress bar.
@@ -92,37 +99,51 @@ def ground_ensemble(
       ValueError: as `ground`.
     """
     starts = {} if start is None else {"starting transformers": start.input_mean}
-    _check_stacked(
-        keys, {"rollout policies": rollout_policies.log_alpha, "target logs": logs.count, **starts}
-    )
-    rollout_policies.check_fits(env, config.rollout)
-    for member in range(keys.shape[0]):
-        target_log.validate(jax.tree.map(lambda x, m=member: x[m], logs), env)
-    actors = rollout_policies.actor
+    params = jax.tree.leaves(rollout_policies.params)[0]
+    _check_stacked(keys, {"rollout policies": params, "target logs": logs.count, **starts})
+    members = int(keys.shape[0])
+    for member in range(members):
+        one = lambda tree, m=member: jax.tree.map(lambda x: x[m], tree)  # noqa: E731
+        one(rollout_policies).check_fits(env)
+        target_log.validate(one(logs), env)
 
-    def first(key: jax.Array, actor: Any, log: TargetLog, pi_g: Transformer | None) -> GroundingState:
-        return grounding.init(key, env, actor, log, config, pi_g)
+    def first(
+        key: jax.Array, pi_g: Transformer | None, actors: RolloutPolicies, log: TargetLog, rows: Any
+    ) -> Any:
+        state = grounding.init(key, env, actors, log, config, pi_g)
+        return state if rows is None else early_stop.init(state, env, rows)
 
-    def iterate(state: GroundingState, actor: Any, log: TargetLog) -> Any:
-        key, key_error = jax.random.split(state.key)
-        state, metrics = grounding.update(state.replace(key=key), env, actor, log, config)
+    def iterate(state: Any, actors: RolloutPolicies, log: TargetLog, rows: Any) -> Any:
+        inner: GroundingState = state if rows is None else state.grounding
+        key, key_error = jax.random.split(inner.key)
+        inner, metrics = grounding.update(inner.replace(key=key), env, actors, log, config)
+        if rows is not None:
+            state, more = early_stop.update(state, inner, env, rows)
+            metrics |= more
+        else:
+            state = inner
         if truth is not None:
             metrics |= transform_error.on_log(key_error, state.result, env, truth, log)
         return state, metrics
 
-    state = jax.jit(jax.vmap(first, in_axes=(0, 0, 0, None if start is None else 0)))(
-        keys, actors, logs, start
-    )
-    step = jax.jit(jax.vmap(iterate), donate_argnums=0)
+    learned_from, held_out = logs, None
+    if stopping is not None:
+        learned_from, held_out = jax.vmap(stopping.hold_out)(logs)
+    data = (rollout_policies, learned_from, held_out)
+    state = jax.jit(jax.vmap(first))(keys, start, *data)
+    if mesh is not None:
+        state, data = sharding.place((state, data), mesh, config.num_envs)
+    step = sharding.compile(jax.vmap(iterate), state, mesh)
     identity = {
         "config": dataclasses.asdict(config),
+        "stopping": None if stopping is None else dataclasses.asdict(stopping),
         "env": env.name,
-        "members": int(keys.shape[0]),
+        "members": members,
         "keys": np.asarray(jax.random.key_data(keys)).tolist(),
         "log": _digest(logs),
-        "policies": _digest(actors),
+        "policies": _digest(rollout_policies),
         "truth": truth is not None,
-        "start": start is not None,
+        "start": None if start is None else _digest(start),
     }
 
     def note(metrics: dict[str, np.ndarray]) -> str:
@@ -131,13 +152,14 @@ def ground_ensemble(
         return f"error {metrics['error_uniform'].mean():.3f} uniform, {metrics['error_own'].mean():.3f} own"
 
     state, curve = loop.run(
-        lambda s: step(s, actors, logs),
+        lambda s: step(s, *data),
         state,
         config.iterations,
         title=title,
         folder=folder,
         identity=identity,
         note=note,
+        stop=None if stopping is None else stopping.is_over,
         quiet=quiet,
     )
     return state.result, curve
@@ -145,7 +167,7 @@ def ground_ensemble(
 
 def _check_stacked(keys: jax.Array, given: dict[str, jax.Array]) -> None:
     for name, array in given.items():
-        if array.ndim != 2 or array.shape[0] != keys.shape[0]:
+        if array.ndim < 2 or array.shape[0] != keys.shape[0]:
             raise ValueError(
                 f"{keys.shape[0]} keys ask for as many {name}, stacked on a first axis; "
                 f"theirs are of shape {array.shape}"

@@ -1,16 +1,14 @@
 """A simulator behind action transformers: what an agent trains in before it meets the target."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
-from envs import Env, State
+from envs import Env, State, Wrapper
 from mpge_jax import transformer
 from mpge_jax.transformer import Transformer
 
 
-class GroundedEnv:
+class GroundedEnv(Wrapper):
     """An environment like any other, whose actions pass through one of N transformers, drawn at every reset.
 
     pi_g is deterministic here. The reward is that of the action asked for: the agent pays for its own control effort,
@@ -21,13 +19,12 @@ class GroundedEnv:
       transformers: one transformer, or N of them stacked (every leaf `[N, ...]`).
     """
 
+    _env: Env
+
     def __init__(self, env: Env, transformers: Transformer):
-        self._env = env
+        super().__init__(env)
         stacked = transformers.input_mean.ndim == 2
         self._members = transformers if stacked else jax.tree.map(lambda x: x[None], transformers)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._env, name)
 
     def reset(self, key: jax.Array) -> State:
         """The first state of an episode; `info["member"]` is the transformer drawn for it. `key` is consumed."""

@@ -22,7 +22,7 @@ from mpge_jax.discriminator import DiscriminatorState, Transitions
 from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.policy_gradient import Metrics, Params, PolicyBatch
 from mpge_jax.ppo import PPOState
-from mpge_jax.sac import Actor
+from mpge_jax.rollout import RolloutPolicies
 from mpge_jax.target_log import TargetLog
 from mpge_jax.transformer import Transformer
 from mpge_jax.trpo import TRPOConfig, TRPOState
@@ -72,7 +72,7 @@ def _algorithm(config: GroundingConfig) -> types.ModuleType:
 def init(
     key: jax.Array,
     env: Env,
-    policies: Actor,
+    policies: RolloutPolicies,
     log: TargetLog,
     config: GroundingConfig,
     start: Transformer | None = None,
@@ -81,13 +81,14 @@ def init(
 
     Args:
       env: the simulator, without auto-reset.
-      policies: actors of the K rollout policies, every leaf `[K, ...]`.
+      policies: the K rollout policies.
       log: transitions of the same K policies in the target.
     """
     size = log.count.shape[0]
-    held = policies.action_scale.shape[0]
-    if held != size:
-        raise ValueError(f"the target log is of {size} rollout policies, but {held} policies were given")
+    if policies.size != size:
+        raise ValueError(
+            f"the target log is of {size} rollout policies, but {policies.size} policies were given"
+        )
     key_policy, key_value, key_discriminator, key_start, key = jax.random.split(key, 5)
     pi_g = start
     if pi_g is None:
@@ -113,7 +114,7 @@ def init(
 
 
 def update(
-    state: GroundingState, env: Env, policies: Actor, log: TargetLog, config: GroundingConfig
+    state: GroundingState, env: Env, policies: RolloutPolicies, log: TargetLog, config: GroundingConfig
 ) -> tuple[GroundingState, Metrics]:
     """One outer iteration: collect B * T steps, then update D, pi_g and the values. Arguments as in `init`.
 

@@ -5,7 +5,6 @@ from typing import Literal
 
 from mpge_jax.discriminator import DiscriminatorConfig
 from mpge_jax.ppo import PPOConfig
-from mpge_jax.sac import SACConfig
 from mpge_jax.transformer import TransformerConfig
 from mpge_jax.trpo import TRPOConfig
 from mpge_jax.value import ValueConfig
@@ -18,9 +17,10 @@ class GroundingConfig:
     Attributes:
       num_envs: parallel copies of the simulator, B.
       steps_per_iteration: steps of each in one iteration, T; B * T * J is the batch of one policy update.
-      branches: draws of pi_g at every state, J; each is simulated one step and the first is followed. Beyond 1, the
-        "vine" of TRPO (Schulman et al., 2015, section 5.2), exact here because gamma = 0: the baseline of a draw is
-        the mean reward of its siblings, which no error of a value function blurs, and the values are not learned.
+      branches: draws of pi_g at every state, J; each is simulated one step and the first is followed. 1 in the paper.
+        Beyond 1 (this project's `Vine`): the "vine" of TRPO (Schulman et al., 2015, section 5.2), exact here because
+        gamma = 0: the baseline of a draw is the mean reward of its siblings, which no error of a value function
+        blurs, and the values are not learned.
       iterations: outer iterations.
       transformer: the policy pi_g.
       policy: how it is updated.
@@ -33,8 +33,7 @@ class GroundingConfig:
         them in states of the target log and ends them after so many steps (this project's addition).
       averaging: decay, an iteration, of the running average of pi_g's parameters that is the result; 0 takes the last
         iterate. A trust-region step has one length however small the gradient, so the iterates end in a random walk
-        around the optimum, which the average does not.
-      rollout: SAC configuration of the rollout policies (only their network matters here).
+        around the optimum, which the average does not. (0 in the paper.)
     """
 
     num_envs: int = 64
@@ -53,7 +52,6 @@ class GroundingConfig:
     value_minibatch: int = 128
     restart_steps: int = 0
     averaging: float = 0.0
-    rollout: SACConfig = field(default_factory=SACConfig)
 
     def __post_init__(self) -> None:
         names = (
@@ -80,8 +78,13 @@ class GroundingConfig:
 
     @property
     def batch_size(self) -> int:
-        """Environment steps of one iteration."""
+        """Transitions that one policy update learns from, B * T * J."""
         return self.num_envs * self.steps_per_iteration * self.branches
+
+    @property
+    def simulator_steps(self) -> int:
+        """Simulator steps of one iteration: the batch, and where D asks for it one more at every state."""
+        return self.num_envs * self.steps_per_iteration * (self.branches + self.needs_expected)
 
     @property
     def needs_expected(self) -> bool:

@@ -49,6 +49,10 @@ class InversionConfig:
         if self.weight_decay < 0:
             raise ValueError(f"InversionConfig: weight_decay must not be negative, got {self.weight_decay}.")
 
+    def simulator_steps(self, rows: int, action_size: int) -> int:
+        """Simulator steps of inverting `rows` transitions: the first, and in each iteration A differences and a try."""
+        return rows * (1 + self.iterations * (action_size + 1))
+
 
 _Search = tuple[jax.Array, jax.Array, jax.Array]
 

@@ -36,9 +36,13 @@ def run(
     identity: Mapping[str, Any] | None = None,
     seconds_between_checkpoints: float = 60.0,
     note: Callable[[dict[str, np.ndarray]], str] = lambda metrics: "",
+    stop: Callable[[dict[str, np.ndarray]], bool] | None = None,
     quiet: bool = False,
 ) -> tuple[S, Curve]:
-    """Calls `update` `iterations` times.
+    """Calls `update` `iterations` times, or until `stop` says so.
+
+    The metrics of an iteration are fetched after the next one has been dispatched, so that a device computes while
+    the host keeps the records.
 
     Args:
       update: one compiled iteration; may donate its argument.
@@ -49,10 +53,11 @@ def run(
       identity: what the run is (configuration, seed, data), JSON-serialisable; a checkpoint of another is refused.
       seconds_between_checkpoints: a checkpoint is written when so long has passed since the last, and at the end.
       note: text behind the progress bar, from the last metrics.
+      stop: whether the run ends here, from the last metrics; the device then waits for the answer.
       quiet: show no progress.
 
     Returns:
-      The final state and the curve: every metric, `[iterations, ...]`.
+      The final state and the curve: every metric, `[iterations done, ...]`.
 
     Raises:
       ValueError: `folder` holds a checkpoint of another run or of a longer one, or one that cannot be read.
@@ -68,16 +73,32 @@ def run(
                 "remove that folder to start anew, or choose another."
             )
     last = time.monotonic()
+    waiting: dict[str, jax.Array] | None = None
+    finished = len(rows) == iterations or bool(stop and rows and stop(rows[-1]))
     try:
         with ProgressBar(title, iterations, len(rows), quiet) as bar, _postponed_interrupt() as interrupted:
-            while len(rows) < iterations:
+
+            def settle() -> None:
+                nonlocal waiting
+                if waiting is not None:
+                    rows.append({name: np.asarray(value) for name, value in waiting.items()})
+                    waiting = None
+                    bar.advance(note(rows[-1]))
+
+            while not finished:
                 state, metrics = update(state)
-                rows.append({name: np.asarray(value) for name, value in metrics.items()})
-                bar.advance(note(rows[-1]))
-                due = time.monotonic() - last >= seconds_between_checkpoints
-                if store is not None and (due or interrupted() or len(rows) == iterations):
-                    store.save(state, rows)
-                    last = time.monotonic()
+                settle()
+                waiting = metrics
+                finished = len(rows) + 1 == iterations
+                if stop is not None:
+                    settle()
+                    finished = finished or stop(rows[-1])
+                due = store is not None and time.monotonic() - last >= seconds_between_checkpoints
+                if due or finished or interrupted():
+                    settle()
+                    if store is not None:
+                        store.save(state, rows)
+                        last = time.monotonic()
                 if interrupted():
                     raise KeyboardInterrupt
     finally:

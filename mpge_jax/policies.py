@@ -5,6 +5,7 @@ before it (`ER`). Files are plain npz in half precision: no pickles, no code.
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from envs import Environment
 from mpge_jax import files, sac
+from mpge_jax.rollout import RolloutPolicies
 from mpge_jax.sac import Actor, SACConfig, SACState
 
 KINDS = ("MS", "ER")
+# Weight of the entropy bonus in the paper's text (fact 27).
+ER_COEFFICIENT = 0.1
 
 
 class PolicySet(flax.struct.PyTreeNode):
@@ -41,8 +44,12 @@ class PolicySet(flax.struct.PyTreeNode):
     @property
     def hidden(self) -> tuple[int, ...]:
         """Widths of the hidden layers."""
-        layers = self.actor.params["params"]
-        return tuple(layers[f"Dense_{i}"]["bias"].shape[-1] for i in range(len(layers) - 1))
+        return self.actor.hidden
+
+    @property
+    def rollout(self) -> RolloutPolicies:
+        """These policies as those that collect: their actions are sampled."""
+        return RolloutPolicies(params=self.actor, act=sac.act)
 
     def select(self, indices: list[int]) -> "PolicySet":
         """The policies `indices`, in that order.
@@ -55,33 +62,12 @@ class PolicySet(flax.struct.PyTreeNode):
         chosen = np.asarray(indices)
         return jax.tree.map(lambda x: x[chosen], self)
 
-    def check_fits(self, env: Environment, config: SACConfig) -> None:
-        """Makes sure that these policies act in `env` and that `config` describes their networks.
-
-        Raises:
-          ValueError: they do not.
-        """
-        sizes = self.actor.params["params"]["Dense_0"]["kernel"].shape[-2], self.actor.action_scale.shape[-1]
-        if sizes != (env.observation_size, env.action_size):
-            raise ValueError(
-                f"the policies take {sizes[0]} observations and give {sizes[1]} actions, "
-                f"{env.name} has {env.observation_size} and {env.action_size}"
-            )
-        self._check_hidden(config)
-
-    def _check_hidden(self, config: SACConfig) -> None:
-        if tuple(config.hidden) != self.hidden:
-            raise ValueError(
-                f"the policies have hidden layers {self.hidden}, the configuration wants {config.hidden}"
-            )
-
     def learner(self, index: int, config: SACConfig) -> SACState:
         """A SAC learner that goes on from policy `index`: its actor, critics and temperature.
 
         Raises:
           ValueError: the configuration wants networks of other sizes.
         """
-        self._check_hidden(config)
         one = jax.tree.map(lambda x: x[index], self)
         return sac.warm_start(one.actor, one.critic, one.log_alpha, config)
 
@@ -91,10 +77,20 @@ def from_learners(state: SACState) -> PolicySet:
     return PolicySet(state.actor, state.critic, state.log_alpha)
 
 
-def mean_entropy(policies: PolicySet, weights: jax.Array, obs: jax.Array, config: SACConfig) -> jax.Array:
+def mean_entropy(policies: PolicySet, weights: jax.Array, obs: jax.Array) -> jax.Array:
     """Mean Gaussian entropy before squashing, `[]`, of the policies with `weights [K]` 1 at `obs [O]`; else 0."""
-    entropies = jax.vmap(lambda actor: sac.policy_entropy(actor, obs, config))(policies.actor)
+    entropies = jax.vmap(lambda actor: sac.policy_entropy(actor, obs))(policies.actor)
     return jnp.sum(weights * entropies) / jnp.maximum(jnp.sum(weights), 1.0)
+
+
+def entropy_bonus(
+    coefficient: float, earlier: PolicySet, weights: jax.Array
+) -> Callable[[jax.Array], jax.Array]:
+    """What an entropy-regularised policy earns at `obs [O]` beside the task's reward, `[]`: the MPGE paper's ER set.
+
+    `coefficient` times the mean entropy there of the `earlier` policies with `weights [K]` 1; nothing for the first.
+    """
+    return lambda obs: coefficient * mean_entropy(earlier, weights, obs)
 
 
 def save(path: Path | str, policies: PolicySet, about: dict[str, Any]) -> None:
@@ -143,13 +139,22 @@ def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
         ) from error
 
 
-def shipped_path(task: str, kind: str) -> Path:
-    """Where the set that ships with the project lies."""
-    return Path(__file__).parent / "policy_sets" / f"{task}-{kind}.npz"
+def shipped_path(task: str, kind: str, entropy_coefficient: float = ER_COEFFICIENT) -> Path:
+    """Where the set that ships with the project lies; an ER set of another coefficient than 0.1 has it in its name."""
+    suffix = "" if kind != "ER" or entropy_coefficient == ER_COEFFICIENT else f"-{entropy_coefficient:g}"
+    return Path(__file__).parent / "policy_sets" / f"{task}-{kind}{suffix}.npz"
 
 
-def shipped(task: str, kind: str) -> tuple[PolicySet, dict[str, Any]]:
-    """The five `MS` or `ER` policies of a source task that ship with the project."""
+def shipped(
+    task: str, kind: str, entropy_coefficient: float = ER_COEFFICIENT
+) -> tuple[PolicySet, dict[str, Any]]:
+    """The five policies of a source task that ship with the project, and how they were made.
+
+    Args:
+      task: the source task.
+      kind: `MS` or `ER`.
+      entropy_coefficient: of an `ER` set: 0.1 (the paper's text) or 0.01 (its authors' code), fact 27.
+    """
     if kind not in KINDS:
         raise ValueError(f"unknown kind of policy set {kind!r} (known: {', '.join(KINDS)})")
-    return load(shipped_path(task, kind))
+    return load(shipped_path(task, kind, entropy_coefficient))

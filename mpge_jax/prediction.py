@@ -1,8 +1,9 @@
 """How well a grounded simulator predicts the target's next observation: a measure that needs no true transform.
 
-Shapes: `K` rollout policies, `M` rows of a policy, `O` observation size.
+Shapes: `K` rollout policies, `M` rows of a policy, `H` rows held out, `O` observation, `A` action size.
 """
 
+import flax.struct
 import jax
 import jax.numpy as jnp
 
@@ -12,18 +13,45 @@ from mpge_jax.target_log import TargetLog
 from mpge_jax.transformer import Transformer
 
 
-def hold_out(log: TargetLog, share: float) -> tuple[TargetLog, jax.Array]:
+class HeldOut(flax.struct.PyTreeNode):
+    """Target transitions that nothing was learned from.
+
+    Attributes:
+      observation: `[H, O]`.
+      action: what the policy asked for, `[H, A]`.
+      next_observation: `[H, O]`.
+      weight: 1, or 0 for padding, `[H]`.
+    """
+
+    observation: jax.Array
+    action: jax.Array
+    next_observation: jax.Array
+    weight: jax.Array
+
+
+def hold_out(log: TargetLog, share: float, most: int = 256) -> tuple[TargetLog, HeldOut]:
     """Keeps the last `share` of every policy's rows back (at least one, where it has two).
 
     Returns:
-      The log that remains, and a mask `[K, M]` of the rows held out.
+      The log that remains, and at most `most` of the rows held out, spread evenly over all of them.
     """
     kept = jnp.clip(jnp.floor(log.count * (1.0 - share)).astype(log.count.dtype), 1, log.count)
     row = jnp.arange(log.observation.shape[1])[None, :]
-    return log.replace(count=kept), (row >= kept[:, None]) & (row < log.count[:, None])
+    mask = ((row >= kept[:, None]) & (row < log.count[:, None])).reshape(-1)
+    size = min(most, mask.shape[0])
+    total = jnp.sum(mask)
+    # Rows held out first, in their order; where there are fewer than `size`, each is taken once.
+    order = jnp.argsort(~mask, stable=True)
+    place = jnp.arange(size)
+    spread = jnp.where(total > size, (place * total) // size, place)
+    chosen = order[spread]
+    flat = jax.tree.map(
+        lambda x: x.reshape(-1, x.shape[-1])[chosen], (log.observation, log.action, log.next_observation)
+    )
+    return log.replace(count=kept), HeldOut(flat[0], flat[1], flat[2], (place < total).astype(jnp.float32))
 
 
-def one_step_error(env: Env, pi_g: Transformer, log: TargetLog, rows: jax.Array) -> jax.Array:
+def one_step_error(env: Env, pi_g: Transformer, rows: HeldOut) -> jax.Array:
     """Root mean square error, `[]`, of the predicted s', in standard deviations of s' - s; infinite where one diverges.
 
     Every row starts anew from its logged state, under the deterministic pi_g.
@@ -31,27 +59,22 @@ def one_step_error(env: Env, pi_g: Transformer, log: TargetLog, rows: jax.Array)
     Args:
       env: the simulator.
       pi_g: what is judged.
-      log: transitions of the target.
-      rows: which of them count, `[K, M]`, at least one.
+      rows: transitions of the target, at least one.
 
     Raises:
       ValueError: an observation of `env` does not determine its state.
     """
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
-
-    def predict(observation: jax.Array, action: jax.Array) -> jax.Array:
-        executed = transformer.deterministic(pi_g, observation, action, low, high)
-        return env.predict(observation, executed)
-
-    predicted = jax.vmap(jax.vmap(predict))(log.observation, log.action)
-    total = jnp.sum(rows)
+    executed = transformer.deterministic(pi_g, rows.observation, rows.action, low, high)
+    predicted = jax.vmap(env.predict)(rows.observation, executed)
+    counts = rows.weight[:, None] > 0
 
     def average(values: jax.Array) -> jax.Array:
         # Chosen, not multiplied by 0: padding may diverge.
-        return jnp.sum(jnp.where(rows[..., None], values, 0.0), axis=(0, 1)) / total
+        return jnp.sum(jnp.where(counts, values, 0.0), axis=0) / jnp.sum(rows.weight)
 
-    change = log.next_observation - log.observation
-    variance = average((change - average(change)[None, None]) ** 2)
-    squared = average((predicted - log.next_observation) ** 2)
+    change = rows.next_observation - rows.observation
+    variance = average((change - average(change)[None]) ** 2)
+    squared = average((predicted - rows.next_observation) ** 2)
     error = jnp.sqrt(jnp.mean(squared / jnp.maximum(variance, 1e-12)))
     return jnp.where(jnp.isnan(error), jnp.inf, error)

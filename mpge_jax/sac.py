@@ -90,6 +90,12 @@ class Actor(struct.PyTreeNode):
     params: Any
     action_scale: jax.Array
 
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Widths of the hidden layers."""
+        layers = self.params["params"]
+        return tuple(layers[f"Dense_{i}"]["bias"].shape[-1] for i in range(len(layers) - 1))
+
 
 class SACState(struct.PyTreeNode):
     """All that learning needs to go on.
@@ -112,8 +118,8 @@ class SACState(struct.PyTreeNode):
     step: jax.Array
 
 
-def _actor_net(action_size: int, config: SACConfig) -> MLP:
-    return MLP((*config.hidden, 2 * action_size), hidden_init=_INIT)
+def _actor_net(hidden: tuple[int, ...], action_size: int) -> MLP:
+    return MLP((*hidden, 2 * action_size), hidden_init=_INIT)
 
 
 def _critic_net(config: SACConfig) -> MLP:
@@ -150,12 +156,9 @@ def warm_start(actor: Actor, critic: Any, log_alpha: jax.Array, config: SACConfi
     Raises:
       ValueError: the networks do not have the shapes that `config.hidden` asks for.
     """
-    expected = (*config.hidden, 2 * actor.action_scale.shape[-1])
-    found = tuple(layer["bias"].shape[-1] for layer in actor.params["params"].values())
-    if found != expected:
+    if actor.hidden != tuple(config.hidden):
         raise ValueError(
-            f"the actor has layers of width {found}, but the configuration's hidden={config.hidden} "
-            f"asks for {expected}"
+            f"the policies have hidden layers {actor.hidden}, the configuration wants {config.hidden}"
         )
     actor, critic, log_alpha = jax.tree.map(jnp.copy, (actor, critic, log_alpha))
     return SACState(
@@ -172,15 +175,15 @@ def warm_start(actor: Actor, critic: Any, log_alpha: jax.Array, config: SACConfi
 
 def _init_networks(key: jax.Array, obs_size: int, action_size: int, config: SACConfig) -> tuple[Any, Any]:
     actor_key, critic_key = jax.random.split(key)
-    actor_params = _actor_net(action_size, config).init(actor_key, jnp.zeros(obs_size))
+    actor_params = _actor_net(config.hidden, action_size).init(actor_key, jnp.zeros(obs_size))
     critic_input = jnp.zeros(obs_size + action_size)
     critic = jax.vmap(_critic_net(config).init, (0, None))(jax.random.split(critic_key), critic_input)
     return actor_params, critic
 
 
-def distribution(actor: Actor, obs: jax.Array, config: SACConfig) -> tuple[jax.Array, jax.Array]:
+def distribution(actor: Actor, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Mean and log-std `[..., A]` of the Gaussian before squashing, at `obs` `[..., O]`."""
-    out = _actor_net(actor.action_scale.shape[-1], config).apply(actor.params, obs)
+    out = _actor_net(actor.hidden, actor.action_scale.shape[-1]).apply(actor.params, obs)
     mean, log_std = jnp.split(out, 2, axis=-1)
     return mean, jnp.clip(log_std, LOG_STD_MIN, LOG_STD_MAX)
 
@@ -189,16 +192,16 @@ def _scaled(actor: Actor, squashed: jax.Array) -> jax.Array:
     return squashed * jnp.broadcast_to(actor.action_scale, squashed.shape)
 
 
-def act(actor: Actor, obs: jax.Array, key: jax.Array | None, config: SACConfig) -> jax.Array:
+def act(actor: Actor, obs: jax.Array, key: jax.Array | None = None) -> jax.Array:
     """Actions `[..., A]` at `obs [..., O]`: a sample where a key is given (consumed), else the mode."""
-    mean, log_std = distribution(actor, obs, config)
+    mean, log_std = distribution(actor, obs)
     squashed = jnp.tanh(mean) if key is None else tanh_gaussian_sample(key, mean, log_std)[0]
     return _scaled(actor, squashed)
 
 
-def policy_entropy(actor: Actor, obs: jax.Array, config: SACConfig) -> jax.Array:
+def policy_entropy(actor: Actor, obs: jax.Array) -> jax.Array:
     """Entropy `[...]` in nats of the Gaussian before squashing."""
-    return gaussian_entropy(distribution(actor, obs, config)[1])
+    return gaussian_entropy(distribution(actor, obs)[1])
 
 
 def q_values(critic: Any, obs: jax.Array, action: jax.Array, config: SACConfig) -> jax.Array:
@@ -231,7 +234,7 @@ def update(
     alpha = jnp.exp(state.log_alpha)
     target_entropy = -float(action_size) if config.target_entropy is None else config.target_entropy
 
-    next_distribution = distribution(state.actor, batch.next_obs, config)
+    next_distribution = distribution(state.actor, batch.next_obs)
     next_squashed, next_log_prob, _ = tanh_gaussian_sample(target_key, *next_distribution)
     next_action = _scaled(state.actor, next_squashed)
     next_q = q_values(state.target_critic, batch.next_obs, next_action, config).min(axis=0)
@@ -247,7 +250,7 @@ def update(
 
     def actor_loss_fn(params: Any) -> tuple[jax.Array, jax.Array]:
         actor = replace(state.actor, params=params)
-        squashed, log_prob, _ = tanh_gaussian_sample(actor_key, *distribution(actor, batch.obs, config))
+        squashed, log_prob, _ = tanh_gaussian_sample(actor_key, *distribution(actor, batch.obs))
         q = q_values(critic, batch.obs, _scaled(actor, squashed), config).min(axis=0)
         return (alpha * log_prob - q).mean(), log_prob
 

@@ -12,9 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from envs import AutoReset, Environment, State
-from mpge_jax import files, sac
-from mpge_jax.policies import PolicySet
-from mpge_jax.sac import Actor, SACConfig
+from mpge_jax import files
+from mpge_jax.rollout import RolloutPolicies
 
 
 class TargetLog(flax.struct.PyTreeNode):
@@ -50,17 +49,15 @@ class TargetLog(flax.struct.PyTreeNode):
         return {name: np.asarray(getattr(self, name))[valid] for name in fields}
 
 
-def collect(
-    key: jax.Array, env: Environment, policies: PolicySet, budget: int, config: SACConfig
-) -> TargetLog:
-    """Takes exactly `budget` stochastic steps in the target `env`, shared evenly between the policies.
+def collect(key: jax.Array, env: Environment, policies: RolloutPolicies, budget: int) -> TargetLog:
+    """Takes exactly `budget` steps in the target `env`, shared evenly between the policies (fact 16).
 
     Where the budget does not divide, the first policies take one step more. `key` is consumed.
 
     Raises:
       ValueError: the budget is smaller than the number of policies, or these are policies of another task.
     """
-    policies.check_fits(env, config)
+    policies.check_fits(env)
     size = policies.size
     if budget < size:
         raise ValueError(
@@ -69,29 +66,28 @@ def collect(
     each, rest = divmod(budget, size)
     wrapped = AutoReset(env)
 
-    def step(state: State, episode: jax.Array, actor: Actor, key: jax.Array) -> tuple[State, jax.Array, Any]:
-        action = sac.act(actor, state.obs, key, config)
+    def step(state: State, episode: jax.Array, params: Any, key: jax.Array) -> tuple[State, jax.Array, Any]:
+        action = policies.act(params, state.obs, key)
         after = wrapped.step(state, action)
         row = (state.obs, action, after.info["next_obs"], after.info["terminated"], episode)
         return after, episode + (after.done > 0), row
 
     @jax.jit
-    def record(key: jax.Array, actor: Actor) -> Any:
+    def record(key: jax.Array, params: Any) -> Any:
         key_reset, key_steps, key_rest = jax.random.split(key, 3)
         state = jax.vmap(wrapped.reset)(jax.random.split(key_reset, size))
         episode = jnp.zeros(size, jnp.int32)
 
         def body(carry: tuple[State, jax.Array], key: jax.Array) -> Any:
-            state, episode, row = jax.vmap(step)(*carry, actor, jax.random.split(key, size))
+            state, episode, row = jax.vmap(step)(*carry, params, jax.random.split(key, size))
             return (state, episode), row
 
         carry, rows = jax.lax.scan(body, (state, episode), jax.random.split(key_steps, each))
         rows = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), rows)
         if rest == 0:
             return rows
-        some = jax.tree.map(lambda x: x[:rest], (*carry, actor))
-        state, episode, actor = some
-        *_, last = jax.vmap(step)(state, episode, actor, jax.random.split(key_rest, rest))
+        first = jax.tree.map(lambda x: x[:rest], (*carry, params))
+        *_, last = jax.vmap(step)(first[0], first[1], first[2], jax.random.split(key_rest, rest))
 
         def append(all_: jax.Array, more: jax.Array) -> jax.Array:
             padded = jnp.zeros((size, 1, *more.shape[1:]), more.dtype).at[:rest, 0].set(more)
@@ -99,7 +95,7 @@ def collect(
 
         return jax.tree.map(append, rows, last)
 
-    observation, action, next_observation, terminated, episode = record(key, policies.actor)
+    observation, action, next_observation, terminated, episode = record(key, policies.params)
     count = jnp.asarray([each + (k < rest) for k in range(size)], jnp.int32)
     return TargetLog(observation, action, next_observation, terminated, episode, count)
 

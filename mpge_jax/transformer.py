@@ -57,7 +57,7 @@ def init(key: jax.Array, observation_size: int, action_size: int, config: Transf
     return Transformer(
         params={
             "mean": network.init(key, jnp.zeros((1, inputs))),
-            "log_std": jnp.full(action_size, config.init_log_std),
+            "log_std": jnp.full(action_size, config.init_log_std, jnp.float32),
         },
         input_mean=jnp.zeros(inputs),
         input_std=jnp.ones(inputs),

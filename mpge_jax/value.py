@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 
+from envs.select import select
 from mpge_jax.networks import MLP, orthogonal
 from mpge_jax.policy_gradient import Metrics, Params
 
@@ -27,8 +28,8 @@ class ValueConfig:
       heads: "separate" for K networks (the paper), "one_hot" for one that sees k (its authors' experiments).
       hidden: width of each tanh layer.
       learning_rate: of Adam.
-      epochs: passes over the batch in an update.
-      minibatch_size: rows of one gradient step, all heads together.
+      epochs: passes of every network over its own rows in an update.
+      minibatch_size: rows of one gradient step of one network.
     """
 
     policies: int
@@ -52,7 +53,7 @@ class ValueConfig:
 
 
 class ValueState(struct.PyTreeNode):
-    """Parameters, every leaf `[H, ...]`, and the state of their optimiser."""
+    """Parameters, every leaf `[H, ...]`, and the state of Adam of each, every leaf `[H, ...]`."""
 
     params: Params
     optimiser: optax.OptState
@@ -67,7 +68,7 @@ def init(key: jax.Array, input_size: int, config: ValueConfig) -> ValueState:
     features = input_size + (config.policies if config.heads == "one_hot" else 0)
     keys = jax.random.split(key, config.networks)
     params = jax.vmap(_network(config).init, in_axes=(0, None))(keys, jnp.zeros((1, features)))
-    return ValueState(params=params, optimiser=optax.adam(config.learning_rate).init(params))
+    return ValueState(params=params, optimiser=jax.vmap(optax.adam(config.learning_rate).init)(params))
 
 
 def predict(params: Params, inputs: jax.Array, policy: jax.Array, config: ValueConfig) -> jax.Array:
@@ -87,7 +88,8 @@ def update(
 ) -> tuple[ValueState, Metrics]:
     """Regression of `returns` `[B]` on `inputs` `[B, O + A]` and `policy` `[B]`. `key` is consumed.
 
-    A network whose policy has no row in the batch stays as it is.
+    Every network goes through all its own rows once an epoch, in minibatches of them alone; the last of an epoch may
+    be smaller. A network whose policy has no row in the batch stays as it is, its optimiser too.
 
     Returns:
       The new state and metrics, each `[]`: `value_loss` (mean squared error over the last epoch) and
@@ -95,32 +97,30 @@ def update(
     """
     network, optimiser = _network(config), optax.adam(config.learning_rate)
     features, head = _features_and_head(inputs, policy, config)
-    rows_of_head = jnp.sum(jax.nn.one_hot(head, config.networks), axis=0)
+    plan = _plan(key, head, config)
 
-    def loss(params: Params, indices: jax.Array) -> tuple[jax.Array, jax.Array]:
-        values = jax.vmap(network.apply)(params, features[indices])[..., 0]
-        errors = jnp.mean((values - returns[indices]) ** 2, axis=-1)
-        # A sum, because each network is to have the gradient of its own mean error.
-        return jnp.sum(errors), jnp.vdot(errors, rows_of_head) / head.shape[0]
+    def loss(params: Params, rows: jax.Array, weight: jax.Array) -> tuple[jax.Array, jax.Array]:
+        values = network.apply(params, features[rows])[..., 0]
+        squared = jnp.sum(weight * (values - returns[rows]) ** 2)
+        return squared / jnp.maximum(jnp.sum(weight), 1.0), squared
 
-    def step(carry: ValueState, indices: jax.Array) -> tuple[ValueState, jax.Array]:
-        gradient, error = jax.grad(loss, has_aux=True)(carry.params, indices)
-        change, optimiser_state = optimiser.update(gradient, carry.optimiser)
-        params = optax.apply_updates(carry.params, change)
-        return ValueState(params=params, optimiser=optimiser_state), error
+    def step(carry: ValueState, batch: tuple[jax.Array, ...]) -> tuple[ValueState, jax.Array]:
+        which, rows, weight = batch
+        own = jax.tree.map(lambda x: x[which], carry)
+        gradient, squared = jax.grad(loss, has_aux=True)(own.params, rows, weight)
+        change, optimiser_state = optimiser.update(gradient, own.optimiser)
+        new = ValueState(params=optax.apply_updates(own.params, change), optimiser=optimiser_state)
+        # Beyond the last minibatch of an epoch there is nothing to learn from.
+        new = select(jnp.any(weight > 0), new, own)
+        return jax.tree.map(lambda all_, one: all_.at[which].set(one), carry, new), squared
 
-    new_state, errors = jax.lax.scan(step, state, _indices_by_head(key, head, rows_of_head, config))
-
-    def keep_absent(new: jax.Array, old: jax.Array) -> jax.Array:
-        return jnp.where(rows_of_head.reshape((-1,) + (1,) * (new.ndim - 1)) > 0, new, old)
-
+    new_state, squares = jax.lax.scan(step, state, plan)
     unexplained = jnp.var(returns - predict(state.params, inputs, policy, config))
     metrics = {
-        "value_loss": jnp.mean(errors.reshape(config.epochs, -1)[-1]),
+        "value_loss": jnp.sum(squares.reshape(config.epochs, -1)[-1]) / head.shape[0],
         "explained_variance": 1.0 - unexplained / jnp.maximum(jnp.var(returns), 1e-8),
     }
-    params = jax.tree.map(keep_absent, new_state.params, state.params)
-    return ValueState(params=params, optimiser=new_state.optimiser), metrics
+    return new_state, metrics
 
 
 def _features_and_head(
@@ -132,27 +132,31 @@ def _features_and_head(
     return jnp.concatenate([inputs, one_hot], axis=-1), jnp.zeros_like(policy)
 
 
-def _indices_by_head(
-    key: jax.Array, head: jax.Array, rows_of_head: jax.Array, config: ValueConfig
-) -> jax.Array:
-    """Row numbers `[steps, H, minibatch / H]`, each network's own rows only, shuffled anew every epoch.
+def _plan(key: jax.Array, head: jax.Array, config: ValueConfig) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Minibatches of all epochs, `(network [S], rows [S, M], weight [S, M])`, shuffled anew every epoch.
 
-    How many rows a network has is not known when the program is compiled. So each gets an equal share of
-    every minibatch. With fewer rows than its share of an epoch it goes round them again, with more it leaves
-    some out.
+    How many rows a network has is not known when the program is compiled. So an epoch has as many steps as any
+    division of the rows needs, and the networks take their minibatches one after the other; weight 0 marks what is
+    beyond a network's last row, and steps that are left over.
     """
-    size = head.shape[0]
-    share = -(-config.minibatch_size // config.networks)
-    steps = max(1, size // (share * config.networks))
-    first = jnp.cumsum(rows_of_head) - rows_of_head
-    turn = jnp.arange(steps * share, dtype=rows_of_head.dtype)
-    # [H, steps * share]: positions in the order that lists the rows of head 0, then those of head 1, ...
-    position = first[:, None] + turn[None] % jnp.maximum(rows_of_head, 1.0)[:, None]
-    position = jnp.minimum(position.astype(jnp.int32), size - 1)
+    size, networks, share = head.shape[0], config.networks, min(config.minibatch_size, head.shape[0])
+    # Most are needed where all networks but one have a single row.
+    steps = (size - networks) // share + networks if size > networks else networks
+    rows_of = jnp.sum(jax.nn.one_hot(head, networks, dtype=jnp.int32), axis=0)
+    first_row = jnp.cumsum(rows_of) - rows_of
+    last_step = jnp.cumsum(-(-rows_of // share))
+    step = jnp.arange(steps)
+    which = jnp.minimum(jnp.searchsorted(last_step, step, side="right"), networks - 1)
+    turn = step - (last_step[which] + -rows_of[which] // share)
+    place = turn[:, None] * share + jnp.arange(share)[None, :]
+    weight = (place < rows_of[which][:, None]).astype(jnp.float32)
+    position = jnp.minimum(first_row[which][:, None] + place, size - 1)
 
     def epoch(epoch_key: jax.Array) -> jax.Array:
+        # The rows of network 0, then those of network 1, ..., each in random order.
         order = jnp.argsort(head + 0.5 * jax.random.uniform(epoch_key, (size,)))
-        return order[position].reshape(config.networks, steps, share).swapaxes(0, 1)
+        return order[position]
 
-    indices = jax.vmap(epoch)(jax.random.split(key, config.epochs))
-    return indices.reshape(config.epochs * steps, config.networks, share)
+    rows = jax.vmap(epoch)(jax.random.split(key, config.epochs))
+    repeat = lambda x: jnp.tile(x, (config.epochs,) + (1,) * (x.ndim - 1))  # noqa: E731
+    return repeat(which), rows.reshape(-1, share), repeat(weight)

@@ -3,8 +3,6 @@
 import jax
 import mujoco
 
-import envs  # noqa: F401  (before the first computation: it chooses how JAX dispatches on CPU)
-
 # A [B] reward broadcast against a [B, 1] value is a bug that trains: it must fail, not broadcast.
 jax.config.update("jax_numpy_rank_promotion", "raise")
 

@@ -49,6 +49,9 @@ class Probe:
         info = {"terminated": zero, "truncated": zero, "steps": jnp.zeros((), jnp.int32), "next_obs": obs}
         return State(data=obs, obs=obs, reward=zero, done=zero, metrics={}, info=info)
 
+    def predict(self, obs: jax.Array, action: jax.Array) -> jax.Array:
+        return self.step(self.state_from_obs(obs), action).info["next_obs"]
+
     def step(self, state: State, action: jax.Array) -> State:
         obs, reward, terminated = self.advance(state.data, jnp.clip(action, -self.limit, self.limit))
         steps = state.info["steps"] + 1

@@ -52,7 +52,7 @@ def policy_set(
 def log(name: str = "SkewedPendulum", size: int = 3, steps: int = 40, log_std: float = -1.0) -> TargetLog:
     """What `policy_set` does in the target `name`."""
     chosen = policy_set(envs.source_of(name), size, log_std=log_std)
-    return target_log.collect(jax.random.key(5), env(name), chosen, steps, SAC)
+    return target_log.collect(jax.random.key(5), env(name), chosen.rollout, steps)
 
 
 def constant(task: envs.Env, delta: float | list[float]) -> Transformer:

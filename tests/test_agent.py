@@ -146,9 +146,9 @@ def test_evaluate_is_a_plain_loop_over_episodes(stochastic):
     env = small.env("InvertedPendulum")
     actor = jax.tree.map(lambda x: x[1], small.policy_set().actor)
     key = jax.random.key(4)
-    found = jax.jit(lambda k: agent.evaluate(k, env, actor, small.SAC, 3, stochastic))(key)
+    found = jax.jit(lambda k: agent.evaluate(k, env, actor, 3, stochastic))(key)
     key_reset, key_act = jax.random.split(key)
-    act = jax.jit(lambda obs, k: sac.act(actor, obs, k if stochastic else None, small.SAC))
+    act = jax.jit(lambda obs, k: sac.act(actor, obs, k if stochastic else None))
     step, reset = jax.jit(env.step), jax.jit(env.reset)
     states = [reset(k) for k in jax.random.split(key_reset, 3)]
     total, over = np.zeros(3), np.zeros(3, bool)
@@ -166,9 +166,7 @@ def test_evaluate_is_a_plain_loop_over_episodes(stochastic):
 
 def test_evaluate_counts_nothing_beyond_the_end_of_an_episode():
     actor = agent.sac.init(jax.random.key(0), 2, 1, [2.0], CONFIG.sac).actor
-    returns = jax.jit(lambda key: agent.evaluate(key, Counting(max_steps=10), actor, CONFIG.sac, 20))(
-        jax.random.key(0)
-    )
+    returns = jax.jit(lambda key: agent.evaluate(key, Counting(max_steps=10), actor, 20))(jax.random.key(0))
     # 1 + 2 + 3, or up to 5; one more step would add NaN.
     assert set(np.asarray(returns)) == {6.0, 15.0}
 

@@ -73,6 +73,41 @@ def test_the_curve_holds_every_iteration_and_the_state_is_the_last():
     assert int(state["count"]) == 4
 
 
+def test_metrics_are_fetched_after_the_next_iteration_is_dispatched():
+    events = []
+
+    class Metric:
+        def __init__(self, number):
+            self.number = number
+
+        def __array__(self, *_, **__):
+            events.append(f"fetch {self.number}")
+            return np.array(self.number)
+
+    def dispatch(state):
+        events.append(f"dispatch {state}")
+        return state + 1, {"number": Metric(state)}
+
+    _, curve = loop.run(dispatch, 0, 3, quiet=True)
+    assert curve["number"].tolist() == [0, 1, 2]
+    assert events == ["dispatch 0", "dispatch 1", "fetch 0", "dispatch 2", "fetch 1", "fetch 2"]
+
+
+def test_a_run_ends_where_it_is_told_to_and_stays_there(tmp_path):
+    stop = lambda metrics: metrics["norm"].shape == () and len(seen) >= 3  # noqa: E731
+    seen = []
+
+    def counted(state):
+        seen.append(0)
+        return update(state)
+
+    found = looped(6, tmp_path, step=counted, stop=stop)
+    assert len(seen) == 3
+    assert_same_bits(found, looped(3))
+    assert_same_bits(looped(6, tmp_path, step=counted, stop=stop), found)
+    assert len(seen) == 3
+
+
 def test_no_iterations_leave_the_state_alone():
     state, curve = looped(0)
     assert int(state["count"]) == 0 and curve == {}
@@ -127,8 +162,11 @@ def test_ctrl_c_saves_the_iteration_that_it_fell_into(tmp_path, moment):
             signal.raise_signal(signal.SIGINT)
         return result
 
+    noted = []
+
     def note(metrics):
-        if moment == "note" and len(seen) == 4:
+        noted.append(0)
+        if moment == "note" and len(noted) == 3:
             signal.raise_signal(signal.SIGINT)
         return ""
 

@@ -110,7 +110,7 @@ class TestLosses:
     def test_actor_learns_from_the_new_critics(self, the_mode_is_drawn):
         state = tiny_state(math.log(0.5))
         after, metrics = sac.update(state, TINY_BATCH, jax.random.key(0), TINY)
-        action = sac.act(state.actor, TINY_BATCH.obs, None, TINY)
+        action = sac.act(state.actor, TINY_BATCH.obs)
         q = sac.q_values(after.critic, TINY_BATCH.obs, action, TINY).min(axis=0)
         assert metrics["actor_loss"] == pytest.approx(float((0.5 * -2.0 - q).mean()), rel=1e-6)
 
@@ -162,33 +162,33 @@ class TestProbes:
         np.testing.assert_allclose(
             sac.q_values(state.critic, first, action, COLD)[0], 0.9 * action[:, 0], atol=0.1
         )
-        assert sac.act(state.actor, jnp.zeros(2), None, COLD)[0] > 0.9
+        assert sac.act(state.actor, jnp.zeros(2))[0] > 0.9
 
     def test_finds_the_best_action_in_the_environments_units(self):
         state = learn(probes.bandit(optimum=0.9, limit=3.0), COLD)
-        assert sac.act(state.actor, jnp.ones(1), None, COLD)[0] == pytest.approx(0.9, abs=0.15)
+        assert sac.act(state.actor, jnp.ones(1))[0] == pytest.approx(0.9, abs=0.15)
 
     def test_finds_the_best_action_of_every_state(self):
         state = learn(probes.contextual_bandit(slope=0.5), COLD)
         obs = jnp.linspace(-0.9, 0.9, 7)[:, None]
-        np.testing.assert_allclose(sac.act(state.actor, obs, None, COLD), 0.5 * obs, atol=0.1)
+        np.testing.assert_allclose(sac.act(state.actor, obs), 0.5 * obs, atol=0.1)
 
     def test_the_temperature_brings_the_entropy_to_its_target(self):
         config = dataclasses.replace(COLD, init_alpha=1.0, alpha_lr=1e-2, target_entropy=-0.5)
         state = learn(probes.bandit(), config)
         obs = jnp.ones((4000, 1))
-        mean, log_std = sac.distribution(state.actor, obs, config)
+        mean, log_std = sac.distribution(state.actor, obs)
         _, log_prob, _ = sac.tanh_gaussian_sample(jax.random.key(1), mean, log_std)
         assert -log_prob.mean() == pytest.approx(-0.5, abs=0.15)
-        assert sac.act(state.actor, obs[0], None, config)[0] == pytest.approx(0.3, abs=0.1)
+        assert sac.act(state.actor, obs[0])[0] == pytest.approx(0.3, abs=0.1)
 
 
 class TestActing:
     def test_mode_and_samples_by_hand(self):
         actor = tiny_state().actor
         obs = jnp.full((20_000, 1), 2.0)
-        np.testing.assert_allclose(sac.act(actor, obs[:1], None, TINY), [[2 * math.tanh(1.0)]], rtol=1e-6)
-        pre_tanh = jnp.arctanh(sac.act(actor, obs, jax.random.key(0), TINY) / 2)
+        np.testing.assert_allclose(sac.act(actor, obs[:1]), [[2 * math.tanh(1.0)]], rtol=1e-6)
+        pre_tanh = jnp.arctanh(sac.act(actor, obs, jax.random.key(0)) / 2)
         # Standard errors: 0.0026 of the mean, 0.0018 of the standard deviation.
         assert pre_tanh.mean() == pytest.approx(1.0, abs=0.013)
         assert pre_tanh.std() == pytest.approx(math.exp(-1), abs=0.01)
@@ -196,26 +196,26 @@ class TestActing:
     def test_every_action_has_its_own_scale(self):
         state = sac.init(jax.random.key(0), 3, 2, jnp.array([1.0, 5.0]), SMALL)
         obs = 100 * jax.random.normal(jax.random.key(1), (200, 3))
-        action = np.abs(sac.act(state.actor, obs, jax.random.key(2), SMALL))
+        action = np.abs(sac.act(state.actor, obs, jax.random.key(2)))
         assert np.all(action <= np.array([[1.0, 5.0]]))
         assert action[:, 1].max() > 3.0
 
     def test_takes_one_observation_or_any_batch_of_them(self):
         actor = sac.init(jax.random.key(0), 3, 2, jnp.ones(2), SMALL).actor
         obs = jax.random.normal(jax.random.key(1), (4, 5, 3))
-        action = sac.act(actor, obs, None, SMALL)
+        action = sac.act(actor, obs)
         assert action.shape == (4, 5, 2)
-        np.testing.assert_allclose(sac.act(actor, obs[1, 2], None, SMALL), action[1, 2], rtol=1e-5)
+        np.testing.assert_allclose(sac.act(actor, obs[1, 2]), action[1, 2], rtol=1e-5)
 
     def test_entropy_is_that_of_the_gaussian_before_squashing(self):
-        entropy = sac.policy_entropy(tiny_state().actor, jnp.ones((3, 1)), TINY)
+        entropy = sac.policy_entropy(tiny_state().actor, jnp.ones((3, 1)))
         np.testing.assert_allclose(entropy, -1.0 + 0.5 * math.log(2 * math.pi * math.e), rtol=1e-6)
 
     def test_log_std_is_bounded(self):
         actor = tiny_state().actor
         for bias, bound in ((-50.0, -20.0), (50.0, 2.0)):
             params = dense(([[1.0]], [0.0]), ([[0.5, 0.0]], [0.0, bias]))
-            assert sac.distribution(actor.replace(params=params), jnp.ones(1), TINY)[1] == bound
+            assert sac.distribution(actor.replace(params=params), jnp.ones(1))[1] == bound
 
 
 def example(key: jax.Array) -> tuple[sac.SACState, replay.ReplayBuffer]:
@@ -292,7 +292,7 @@ class TestStart:
         policy = sac.init(jax.random.key(0), 3, 2, jnp.ones(2), SMALL)
         warm = sac.warm_start(policy.actor, policy.critic, policy.log_alpha, SMALL)
         jax.jit(lambda state: state, donate_argnums=0)(warm)
-        assert np.isfinite(sac.act(policy.actor, jnp.ones(3), None, SMALL)).all()
+        assert np.isfinite(sac.act(policy.actor, jnp.ones(3))).all()
 
 
 class TestBadInput:
@@ -322,7 +322,7 @@ class TestBadInput:
 
     def test_policy_of_another_size(self):
         policy = sac.init(jax.random.key(0), 3, 2, jnp.ones(2), SMALL)
-        with pytest.raises(ValueError, match=r"layers of width \(8, 8, 4\).*hidden=\(256, 256\)"):
+        with pytest.raises(ValueError, match=r"have hidden layers \(8, 8\), the configuration wants \(256, 256\)"):
             sac.warm_start(policy.actor, policy.critic, policy.log_alpha, SACConfig())
 
     def test_reward_column(self):

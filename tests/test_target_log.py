@@ -19,9 +19,9 @@ def stepped(monkeypatch):
     sizes = []
     original = CEngine._step
 
-    def counted(self, ctrl, *rest):
-        sizes.append(int(np.prod(ctrl.shape[:-1], dtype=int)))
-        return original(self, ctrl, *rest)
+    def counted(self, given, *rest):
+        sizes.append(int(np.prod(given[0].shape[:-1], dtype=int)))
+        return original(self, given, *rest)
 
     monkeypatch.setattr(CEngine, "_step", counted)
     return sizes
@@ -37,7 +37,7 @@ def valid(log: TargetLog, name: str, k: int) -> np.ndarray:
 def test_a_budget_is_taken_to_the_step(stepped, budget, counts):
     # Episodes of these policies end after about ten steps: resets take no step of the engine.
     env, policies = small.env("SkewedPendulum"), small.policy_set()
-    log = target_log.collect(jax.random.key(0), env, policies, budget, small.SAC)
+    log = target_log.collect(jax.random.key(0), env, policies.rollout, budget)
     jax.block_until_ready(log)
     assert sum(stepped) == budget
     assert log.steps == budget
@@ -49,15 +49,15 @@ def test_a_budget_below_one_step_a_policy_is_refused(stepped):
     with pytest.raises(
         ValueError, match="budget of 2 target steps is smaller than the number of rollout policies, 3"
     ):
-        target_log.collect(jax.random.key(0), small.env("SkewedPendulum"), small.policy_set(), 2, small.SAC)
+        target_log.collect(jax.random.key(0), small.env("SkewedPendulum"), small.policy_set().rollout, 2)
     assert stepped == []
 
 
 def test_policies_of_another_task_are_refused(stepped):
     with pytest.raises(
-        ValueError, match="take 4 observations and give 1 actions, BrokenCheetah has 17 and 6"
+        ValueError, match="these rollout policies cannot act on the 17 observations of BrokenCheetah"
     ):
-        target_log.collect(jax.random.key(0), small.env("BrokenCheetah"), small.policy_set(), 30, small.SAC)
+        target_log.collect(jax.random.key(0), small.env("BrokenCheetah"), small.policy_set().rollout, 30)
     assert stepped == []
 
 
@@ -91,21 +91,21 @@ def test_each_policy_has_its_own_log():
     log, policies = small.log(log_std=-18.0), small.policy_set(log_std=-18.0)
     for k in range(3):
         actor = jax.tree.map(lambda x, k=k: x[k], policies.actor)
-        asked = sac.act(actor, jnp.asarray(valid(log, "observation", k)), None, small.SAC)
+        asked = sac.act(actor, jnp.asarray(valid(log, "observation", k)))
         np.testing.assert_allclose(valid(log, "action", k), asked, atol=1e-4)
 
 
 def test_actions_are_drawn_not_the_mode():
     log, policies = small.log(), small.policy_set()
     actor = jax.tree.map(lambda x: x[0], policies.actor)
-    mode = np.asarray(sac.act(actor, jnp.asarray(valid(log, "observation", 0)), None, small.SAC))
+    mode = np.asarray(sac.act(actor, jnp.asarray(valid(log, "observation", 0))))
     assert np.std(valid(log, "action", 0) - mode) > 0.3
 
 
 def test_a_key_decides_the_log():
     env, policies = small.env("SkewedPendulum"), small.policy_set()
-    again = target_log.collect(jax.random.key(5), env, policies, 40, small.SAC)
-    other = target_log.collect(jax.random.key(6), env, policies, 40, small.SAC)
+    again = target_log.collect(jax.random.key(5), env, policies.rollout, 40)
+    other = target_log.collect(jax.random.key(6), env, policies.rollout, 40)
     jax.tree.map(np.testing.assert_array_equal, again, small.log())
     assert not np.array_equal(other.action, again.action)
 

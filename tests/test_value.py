@@ -80,18 +80,32 @@ def test_a_policy_with_few_rows(rows_of_last):
     assert bool(jnp.isfinite(metrics["value_loss"]))
 
 
-def test_every_network_draws_its_own_rows():
-    # 4, 1 and 7 rows, shares of 2: two steps an epoch.
-    head = jnp.array([2, 0, 2, 1, 2, 0, 2, 0, 2, 2, 0, 2])
-    config = dataclasses.replace(SEPARATE, epochs=3, minibatch_size=6)
-    counts = jnp.array([4.0, 1.0, 7.0])
-    indices = np.asarray(value._indices_by_head(jax.random.key(0), head, counts, config))
-    assert indices.shape == (6, 3, 2)
-    for k in range(3):
-        assert set(np.asarray(head)[indices[:, k].ravel()]) == {k}
-    for epoch in indices.reshape(3, 2, 3, 2):
-        assert len(set(epoch[:, 0].ravel())) == 4  # all four rows once
-        assert len(set(epoch[:, 2].ravel())) == 4  # four of seven, none twice
+def test_every_network_goes_through_all_its_own_rows_once_an_epoch():
+    # 5, 1, 0 and 8 rows in minibatches of 3: 2 + 1 + 0 + 3 steps, and one that is left over.
+    head = jnp.array([3, 0, 3, 1, 3, 0, 3, 0, 3, 3, 0, 3, 3, 0])
+    config = ValueConfig(policies=4, epochs=3, minibatch_size=3)
+    which, rows, weight = (np.asarray(x) for x in value._plan(jax.random.key(0), head, config))
+    assert (which.shape, rows.shape, weight.shape) == ((21,), (21, 3), (21, 3))
+    for network in range(4):
+        own = np.flatnonzero(np.asarray(head) == network)
+        for epoch in range(3):
+            steps = slice(7 * epoch, 7 * (epoch + 1))
+            used = rows[steps][which[steps] == network][weight[steps][which[steps] == network] > 0]
+            assert sorted(used) == own.tolist()
+    orders = {tuple(rows[7 * epoch : 7 * epoch + 2].ravel()) for epoch in range(3)}
+    assert len(orders) == 3
+
+
+def test_the_optimiser_of_an_absent_policy_rests():
+    inputs, policy, returns = batch()
+    state = value.init(jax.random.key(0), 2, SEPARATE)
+    state, _ = update(state, inputs, policy, returns, jax.random.key(1), SEPARATE)
+    without, _ = update(state, inputs, jnp.arange(ROWS) % 2, returns, jax.random.key(2), SEPARATE)
+    for before, after in zip(jax.tree.leaves(state), jax.tree.leaves(without), strict=True):
+        np.testing.assert_array_equal(before[2], after[2])
+    # Adam counts the steps of each network by itself: 64 rows in two minibatches, and 96, five times.
+    assert np.asarray(state.optimiser[0].count).tolist() == [10, 10, 10]
+    assert np.asarray(without.optimiser[0].count).tolist() == [20, 20, 10]
 
 
 @pytest.mark.parametrize("config", [SEPARATE, ONE_HOT])

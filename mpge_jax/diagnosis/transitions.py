@@ -2,7 +2,7 @@
 
 target = envs.make("BrokenCheetah")
 policies, _ = shipped("HalfCheetah", "MS")
-log = target_log.collect(key, target, policies, 500, SACConfig(hidden=policies.hidden))
+log = target_log.collect(key, target, policies.rollout, 500)
 d = diagnose(nominal_spec("HalfCheetah"), recordings_of(log, "HalfCheetah"))
 env = d.corrected_env("HalfCheetah")  # the task in the corrected dynamics, for any learner
 """

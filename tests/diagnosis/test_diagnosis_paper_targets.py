@@ -16,7 +16,6 @@ from mpge_jax.diagnosis import Config, Diagnosis, diagnose
 from mpge_jax.diagnosis.summary import markdown
 from mpge_jax.diagnosis.transitions import nominal_spec, recordings_of
 from mpge_jax.policies import shipped
-from mpge_jax.sac import SACConfig
 from mpge_jax.target_log import TargetLog
 
 ROOT = Path(__file__).parents[2]
@@ -31,8 +30,7 @@ TRUTH: dict[str, tuple[str, str, dict[str, float]]] = {
 
 def rollout_log(target: str) -> TargetLog:
     policies, _ = shipped(envs.source_of(target), "MS")
-    config = SACConfig(hidden=policies.hidden)
-    return target_log.collect(jax.random.key(0), envs.make(target), policies, BUDGET, config)
+    return target_log.collect(jax.random.key(0), envs.make(target), policies.rollout, BUDGET)
 
 
 def random_log(target: str) -> TargetLog:

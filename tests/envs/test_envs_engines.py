@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import envs
+from envs import registry
 from envs.c_engine import _MOST_BATCHES, CEngine
 from tests.envs.compiled import compiled
 
@@ -26,6 +27,9 @@ SLIDER = """
   {more}
 </mujoco>
 """
+
+
+PLAIN = SLIDER.format(joint="", motor="", more="")
 
 
 def model(joint="", motor="", more=""):
@@ -132,19 +136,66 @@ def test_auto_is_the_c_engine_on_cpu():
     assert isinstance(envs.make("Hopper").engine, CEngine)
 
 
-def python(code):
-    command = [sys.executable, "-W", "error::RuntimeWarning", "-c", code]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+@pytest.mark.parametrize("has_warp", [True, False])
+def test_auto_is_mjx_on_an_accelerator(monkeypatch, has_warp):
+    """Warp only by name: nobody has measured a training run on it."""
+    from envs.mjx_engine import MJXEngine
+
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    monkeypatch.setattr(registry, "_has_warp", lambda: has_warp)
+    engine = envs.make("InvertedPendulum").engine
+    assert isinstance(engine, MJXEngine) and engine._implementation == "jax"
 
 
-def test_a_late_import_is_told():
-    late = python("import jax; jax.devices(); import envs; envs.make('InvertedPendulum')")
-    assert late.returncode == 1
-    assert "RuntimeWarning: JAX had computed before `envs` was imported" in late.stderr
-    prepared = (
-        "import jax; jax.config.update('jax_cpu_enable_async_dispatch', False); jax.devices(); import envs; "
-    )
-    assert python(prepared + "envs.make('InvertedPendulum')").returncode == 0
+def python(code, *args):
+    command = [sys.executable, "-c", code, *args]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=200)
+
+
+# Arguments of a megabyte, which JAX puts on the device asynchronously; one core, so one thread to do it.
+BUSY = """
+import os, sys
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+import jax
+import jax.numpy as jnp
+jax.block_until_ready(jnp.ones(3))
+import mujoco
+from envs.c_engine import CEngine
+assert jax.config.read("jax_cpu_enable_async_dispatch")
+engine, copies, length = CEngine(mujoco.MjModel.from_xml_string(sys.argv[1])), int(sys.argv[2]), int(sys.argv[3])
+def pushed(data, _):
+    left, right = (jax.vmap(lambda d: engine.step(d, jnp.full(1, push), 1))(data) for push in (-1.0, 1.0))
+    return jax.tree.map(lambda x, y: 0.5 * (x + y), left, right), None
+run = jax.jit(lambda data: jax.lax.scan(pushed, data, None, length)[0])
+zeros = jnp.zeros((copies, 1))
+data = jax.vmap(engine.init)(zeros, zeros)
+# What waits for another computation is run by the thread that also puts arguments on the device.
+for _ in range(6):
+    data = run(jax.tree.map(lambda x: x + 1, data))
+"""
+
+
+def test_the_c_engine_does_not_wait_for_its_own_thread():
+    """With asynchronous dispatch, JAX's default; the time limit is that of a hang."""
+    done = python(BUSY + "print(data.time.max() > 3)", PLAIN, "100000", "2")
+    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
+
+
+LEAVING = """
+import jax
+import jax.numpy as jnp
+import envs
+env = envs.make("HalfCheetah", "c")
+step = jax.vmap(env.step)
+run = jax.jit(lambda state: jax.lax.scan(lambda s, _: (step(s, jnp.zeros((100, 6))), None), state, None, 200)[0])
+state = run(jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), 100)))
+"""
+
+
+def test_a_program_may_end_while_it_computes():
+    done = python(LEAVING)
+    assert done.returncode == 0, done.stderr
 
 
 def test_mjx_is_imported_in_silence():

@@ -1,4 +1,8 @@
-"""AutoReset, and brax's own wrappers on our environments."""
+"""AutoReset, and what all wrappers share."""
+
+import copy
+import pickle
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -92,6 +96,15 @@ def test_attributes_pass_through(falling):
     )
 
 
+@pytest.mark.parametrize("copied", [copy.copy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_wrapper_is_copied_with_what_it_wraps(copied):
+    wrapped = copied(envs.AutoReset(envs.AutoReset(SimpleNamespace(max_steps=7))))
+    assert wrapped.max_steps == 7
+    for name in ("no_such_thing", "_private"):
+        with pytest.raises(AttributeError, match=name):
+            getattr(wrapped, name)
+
+
 @pytest.mark.parametrize("name", ["InvertedPendulum", pytest.param("Hopper", marks=pytest.mark.slow)])
 def test_auto_reset_scans_on_mjx(name):
     """Traced, not compiled: that takes most of the time. The pendulum has no contacts, so empty arrays to carry."""
@@ -119,30 +132,3 @@ def test_auto_reset_on_mjx(name):
     np.testing.assert_allclose(after.info["next_obs"], plain.obs, rtol=1e-5, atol=1e-5)
     np.testing.assert_array_equal(after.data.time[jnp.array([1, 3])], 0.0)
     assert np.any(np.asarray(after.obs[1]) != np.asarray(plain.obs[1]))
-
-
-def test_brax_wrappers():
-    """Episode, vmap and auto-reset wrappers of brax, with a time limit of 20 steps."""
-    from brax.envs.wrappers import training
-
-    ours = compiled("InvertedPendulum")
-    bridge = envs.as_brax(ours.env)
-    assert (bridge.observation_size, bridge.action_size, bridge.backend) == (4, 1, "mujoco")
-    env = training.wrap(bridge, episode_length=20)
-    state = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(0), COPIES))
-    first, step = state, jax.jit(env.step)
-    pushes = jnp.array([[3.0], [0.0], [0.0], [0.0]])
-    fallen = truncated = 0
-    for count in range(1, 21):
-        state = step(state, pushes)
-        np.testing.assert_array_equal(state.reward, np.ones(COPIES))
-        fallen += np.asarray(state.done)
-        truncated += np.asarray(state.info["truncation"])
-        ended = np.asarray(state.done) > 0
-        np.testing.assert_array_equal(state.obs[ended], first.obs[ended])  # brax starts every episode alike
-        if count == 1:
-            plain = ours.step(ours.reset(jax.random.split(jax.random.PRNGKey(0), COPIES)), pushes)
-            np.testing.assert_array_equal(state.obs, plain.obs)
-    assert fallen[0] >= 1 and truncated[0] == 0
-    np.testing.assert_array_equal(fallen[1:], np.ones(COPIES - 1))
-    np.testing.assert_array_equal(truncated[1:], np.ones(COPIES - 1))

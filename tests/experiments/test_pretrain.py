@@ -1,5 +1,7 @@
 """Source policies: of each training the best moment is kept."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,9 +9,10 @@ import pytest
 
 import envs
 from experiments import pretrain
-from mpge_jax import agent, policies
+from mpge_jax import agent, policies, sac
 from mpge_jax.agent import AgentConfig
 from mpge_jax.sac import SACConfig
+from tests import small
 
 CONFIG = AgentConfig(
     sac=SACConfig(hidden=(8,), batch_size=8), num_envs=2, steps_per_iteration=4, updates_per_iteration=1,
@@ -35,7 +38,7 @@ def test_the_best_trial_is_kept_for_each_policy(training):
     before = jax.tree.leaves(state.best.actor)
     state, metrics = update(state)
     trial = agent.evaluate(
-        jax.random.key(0), env, jax.tree.map(lambda x: x[0], state.agents.learner.actor), CONFIG.sac,
+        jax.random.key(0), env, jax.tree.map(lambda x: x[0], state.agents.learner.actor),
         pretrain.TRIAL_EPISODES,
     )  # fmt: skip
     np.testing.assert_allclose(metrics["best_return"], [trial.mean(), 1e6], rtol=1e-5)
@@ -60,3 +63,41 @@ def test_a_sequence_does_not_go_on_from_other_policies(tmp_path):
         for earlier in (sets[0], sets[1].select([1]), sets[0])
     ]
     assert found[0] == found[2] != found[1]
+
+
+def test_er_policies_are_rewarded_for_the_entropy_of_those_before_them(monkeypatch, tmp_path):
+    """The pendulum's reward is 1 at every step: what is more in the buffer is the bonus."""
+    earlier = small.policy_set(size=3)
+    args = pretrain.Args(task="InvertedPendulum", kind="ER", count=3, entropy_coefficient=0.5)
+    monkeypatch.setattr(pretrain.policies, "load", lambda path: (earlier, {}))
+    begun = []
+
+    def stop_at_once(update, state, iterations, **options):
+        begun.append(state)
+        return state, {}
+
+    monkeypatch.setattr(pretrain.loop, "run", stop_at_once)
+    config = dataclasses.replace(CONFIG, sac=small.SAC)
+    keys = jax.random.split(jax.random.key(0), 3)
+    sequence = pretrain._train_er(args, small.env("InvertedPendulum"), config, keys, 1, tmp_path)
+    assert sequence.size == 3
+    # Policies 1 and 2; the first is the MS set's first, and has been trained without a bonus.
+    assert len(begun) == 2
+    jax.tree.map(np.testing.assert_array_equal, sequence.select([0]), earlier.select([0]))
+    rest = 0.5 * (1.0 + np.log(2.0 * np.pi))
+    first = np.asarray(begun[0].agents.buffer.rows)[0, :8, 5]
+    # The spread of the set's first policy is exp(-1) everywhere.
+    np.testing.assert_allclose(first, 1.0 + 0.5 * (-1.0 + rest), rtol=1e-5)
+    rows = np.asarray(begun[1].agents.buffer.rows)[0, :8]
+    own = jax.vmap(sac.policy_entropy, (None, 0))(
+        jax.tree.map(lambda x: x[1], sequence.actor), jnp.asarray(rows[:, :4])
+    )
+    np.testing.assert_allclose(rows[:, 5], 1.0 + 0.25 * (-1.0 + rest + np.asarray(own)), rtol=1e-5)
+
+
+def test_sets_of_different_coefficients_are_different_files():
+    names = [
+        pretrain._set_path(pretrain.Args(kind="ER", entropy_coefficient=c), "ER").name for c in (0.1, 0.01)
+    ]
+    assert names == ["InvertedPendulum-ER.npz", "InvertedPendulum-ER-0.01.npz"]
+    assert pretrain._set_path(pretrain.Args(entropy_coefficient=0.01), "MS").name == "InvertedPendulum-MS.npz"

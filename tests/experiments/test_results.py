@@ -38,7 +38,15 @@ def folder(tmp_path: Path) -> Path:
     cells = {
         ("direct", 0): [row("direct", 0, seed, 10.0 * seed) for seed in range(2)],
         ("SPG", 1000): [
-            row("SPG", 1000, seed, 800.0 + 100 * seed, transform_error=0.25) for seed in range(2)
+            row(
+                "SPG",
+                1000,
+                seed,
+                800.0 + 100 * seed,
+                transform_error=0.25,
+                grounding_simulator_steps=41_472,
+            )
+            for seed in range(2)
         ],
     }
     for (method, samples), rows in cells.items():
@@ -59,8 +67,11 @@ def test_a_sweep_is_reported_with_its_command_and_numbers(folder: Path, tmp_path
         "`python -m experiments.sweep --task SkewedPendulum --method direct SPG --samples 1000 --seeds 2 "
         "--preset quick --backend c`"
     ) in text
-    assert "| direct | - | 2 | 5 ± 7 | 6 ± 7 | 34 |  | 0 |" in text
-    assert "| SPG | 1000 | 2 | 850 ± 71 | 851 ± 71 | 293 | 0.250 ± 0.000 | 1000 |" in text
+    assert "| direct | - | 2 | 5 ± 7 | -59 to 69 | 6 ± 7 | 34 |  | 0 |  |" in text
+    assert (
+        "| SPG | 1000 | 2 | 850 ± 71 | 215 to 1485 | 851 ± 71 | 293 | 0.250 ± 0.000 | 1,000 | 41,472 |"
+        in text
+    )
     assert "SPG-500 failed: ValueError: nothing was recorded" in text
     assert "direct 1.0; SPG at 1,000 1.0 (grounding 0.4)." in text
     # Shares of 20 iterations: the 1st, 2nd, 5th, 10th and 20th, at 0.95 / 19 = 0.05 less each.
@@ -69,9 +80,7 @@ def test_a_sweep_is_reported_with_its_command_and_numbers(folder: Path, tmp_path
     )
     assert wanted in text
     grounding = QUICK.tasks["InvertedPendulum"].grounding
-    assert (
-        f"{grounding.iterations:,} grounding iterations of {grounding.batch_size:,} simulator steps" in text
-    )
+    assert f"{grounding.iterations:,} grounding iterations of {grounding.batch_size:,} transitions" in text
 
 
 def test_pictures_are_copied_beside_the_page(folder: Path, tmp_path: Path) -> None:

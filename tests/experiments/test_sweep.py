@@ -17,52 +17,12 @@ import pytest
 
 from experiments import methods, sweep
 from experiments.methods import METHODS, Outcome
-from experiments.presets import PRESETS, PlusSettings, Preset, TaskSettings
+from experiments.presets import PRESETS
 from mpge_jax import policies, target_log
-from mpge_jax.agent import AgentConfig
-from mpge_jax.discriminator import DiscriminatorConfig
-from mpge_jax.grounding_config import GroundingConfig
-from mpge_jax.inversion import InversionConfig
-from mpge_jax.transformer import TransformerConfig
-from mpge_jax.trpo import TRPOConfig
 from tests import small
+from tests.experiments.tiny import TINY
 
 ROOT = Path(__file__).resolve().parents[2]
-
-TINY = Preset(
-    name="tiny",
-    tasks={
-        "InvertedPendulum": TaskSettings(
-            GroundingConfig(
-                num_envs=4,
-                steps_per_iteration=8,
-                iterations=3,
-                transformer=TransformerConfig(hidden=(8,)),
-                policy=TRPOConfig(cg_iterations=2),
-                discriminator=DiscriminatorConfig(hidden=(8,)),
-                discriminator_updates=1,
-                discriminator_batch=16,
-                value_epochs=1,
-                value_minibatch=32,
-                rollout=small.SAC,
-            ),
-            AgentConfig(
-                small.SAC,
-                num_envs=2,
-                steps_per_iteration=4,
-                updates_per_iteration=2,
-                buffer_capacity=100,
-                random_steps=8,
-            ),
-            agent_updates=6,
-        )
-    },
-    inversion=InversionConfig(TransformerConfig(hidden=(8,)), iterations=2, epochs=2, minibatch_size=16),
-    plus=PlusSettings(iterations=2),
-    policies=2,
-    members=2,
-    episodes=2,
-)
 
 
 def run(monkeypatch, *arguments) -> int:
@@ -75,11 +35,15 @@ def tree_of(folder):
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
+def shipped(task: str, kind: str, coefficient: float = 0.1):
+    return small.policy_set(task, seed=len(kind)), {"entropy_coefficient": coefficient}
+
+
 @pytest.fixture
 def tiny(monkeypatch):
     """The tiny preset, on small untrained policies."""
     monkeypatch.setitem(PRESETS, "tiny", TINY)
-    monkeypatch.setattr(policies, "shipped", lambda task, kind: (small.policy_set(task, seed=len(kind)), {}))
+    monkeypatch.setattr(policies, "shipped", shipped)
 
 
 def outcome(cell: methods.Cell, value: float = 250.0) -> Outcome:
@@ -99,7 +63,8 @@ def outcome(cell: methods.Cell, value: float = 250.0) -> Outcome:
         }
         for seed in cell.seeds
     ]
-    curve = {"error_uniform": np.linspace(1.0, 0.3, 8).reshape(4, 2, 1)} if cell.samples else {}
+    grounded = cell.samples and cell.method != "GAT"
+    curve = {"error_uniform": np.linspace(1.0, 0.3, 8).reshape(4, 2, 1)} if grounded else {}
     return Outcome(rows, 0.0, curve, None, small.policy_set())
 
 
@@ -252,11 +217,22 @@ def test_tables_show_mean_spread_and_the_papers_number(monkeypatch, tmp_path, fa
     run(monkeypatch, "--preset", "tiny", "--method", "direct", "SPG", "GAT", "target", "--out", tmp_path)
     lines = (tmp_path / "results.md").read_text().splitlines()
     cells = {line.split("|")[1].strip(): [c.strip() for c in line.split("|")[2:-1]] for line in lines[2:]}
-    # 250 and 350: the spread with ddof = 1 is 70.7. SPG's 293 at 1,000 samples and direct's 33.9 are the paper's.
-    assert cells["SPG"] == ["1000", "2", "300 ± 71", "250 ± 0", "293", "0.250 ± 0.000", "1000"]
-    assert cells["direct"] == ["-", "2", "300 ± 71", "250 ± 0", "34", "", "0"]
-    assert cells["GAT"][4] == ""
-    assert cells["target"][4] == "1000"
+    # 250 and 350: the spread with ddof = 1 is 70.7, and t(0.975) with one degree of freedom is 12.71.
+    # SPG's 293 at 1,000 samples and direct's 33.9 are the paper's.
+    assert cells["SPG"] == [
+        "1000",
+        "2",
+        "300 ± 71",
+        "-335 to 935",
+        "250 ± 0",
+        "293",
+        "0.250 ± 0.000",
+        "1,000",
+        "",
+    ]
+    assert cells["direct"] == ["-", "2", "300 ± 71", "-335 to 935", "250 ± 0", "34", "", "0", ""]
+    assert cells["GAT"][5] == ""
+    assert cells["target"][5] == "1000"
     assert list(cells) == ["direct", "SPG", "GAT", "target"]
     with (tmp_path / "results.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -264,7 +240,7 @@ def test_tables_show_mean_spread_and_the_papers_number(monkeypatch, tmp_path, fa
     assert {row["seed"] for row in rows} == {"0", "1"}
     record = json.loads((tmp_path / "results.json").read_text())
     assert record["identity"]["preset"]["members"] == 2
-    assert {"jax", "mujoco", "python", "machine"} <= set(record["versions"])
+    assert {"commit", "jax", "mujoco", "python", "machine"} <= set(record["versions"])
     assert all(row["seconds"] >= row["grounding_seconds"] >= 0 for row in record["rows"])
     for name in ("returns.png", "errors.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
@@ -287,7 +263,8 @@ def assert_complete(folder, expected):
     rows = json.loads((folder / "results.json").read_text())["rows"]
     assert {(row["method"], row["samples"]) for row in rows} == expected
     for row in rows:
-        assert row["target_steps"] == row["samples"]
+        # 8 random steps; 6 updates are 3 iterations of 2 environments and 4 steps.
+        assert row["target_steps"] == (32 if row["method"] == "target" else row["samples"])
         assert all(np.isfinite(v) for name, v in row.items() if name not in ("task", "method"))
         assert 1 <= row["return_stochastic"] <= 1000
         assert ("transform_error" in row) == (row["samples"] > 0)
@@ -299,6 +276,10 @@ def assert_complete(folder, expected):
         if samples:
             logs = [target_log.load(cell / f"target_log_{seed}.npz") for seed in (0, 1)]
             assert [log.steps for log in logs] == [samples, samples]
+            for log in logs:
+                before, action, after = log.rows().values()
+                moved = small.step_from("SkewedPendulum", before, action)
+                np.testing.assert_allclose(after, moved, atol=2e-5, err_msg="not recorded in the target")
             with np.load(cell / "transformers.npz", allow_pickle=False) as file:
                 members = 2 if METHODS[method].ensemble else 1
                 assert file["input_mean"].shape == (2, members, 5)
@@ -341,7 +322,7 @@ def test_a_resumed_cell_takes_no_further_target_steps(monkeypatch, tmp_path, tin
 def tiny_main():
     """What the process of the test below runs: checkpoints after every iteration."""
     PRESETS["tiny"] = TINY
-    policies.shipped = lambda task, kind: (small.policy_set(task, seed=len(kind)), {})
+    policies.shipped = shipped
     original = methods.loop.run
     often = {"seconds_between_checkpoints": 0.0}
     methods.loop.run = lambda *args, **options: original(*args, **{**options, **often})

@@ -1,0 +1,202 @@
+"""What every method of the sweep is handed: policies, logs, keys, simulators and targets."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import envs
+from experiments import methods
+from experiments.methods import METHODS, Cell
+from mpge_jax import ensemble, policies, target_log
+from mpge_jax.early_stop import EarlyStop
+from mpge_jax.grounded_env import GroundedEnv
+from mpge_jax.target_log import TargetLog
+from tests import small
+from tests.experiments.tiny import TINY
+
+SEEDS = (0, 1, 2)
+SAMPLES = 12
+GROUNDING = [name for name, method in METHODS.items() if method.uses_samples]
+
+
+def cell(method: str) -> Cell:
+    return Cell("SkewedPendulum", method, SAMPLES, SEEDS, TINY, "c", "mujoco")
+
+
+@pytest.fixture
+def handed(monkeypatch, tmp_path):
+    """Runs a cell of which nothing is computed; what each stage was given."""
+    given: dict = {}
+    monkeypatch.setattr(
+        policies,
+        "shipped",
+        lambda task, kind, coefficient: (
+            small.policy_set(task, size=4, seed=len(kind)),
+            {"entropy_coefficient": coefficient if kind == "ER" else 0.0},
+        ),
+    )
+
+    def record(key, env, rollout, budget):
+        given.setdefault("targets", []).append(env.name)
+        count = jnp.full(rollout.size, budget // rollout.size, jnp.int32)
+        row = jnp.zeros((rollout.size, budget))
+        mark = jnp.zeros((rollout.size, budget, 4)) + jax.random.uniform(key)
+        return TargetLog(mark, row[..., None], mark, row, row.astype(int), count)
+
+    def transformers(keys):
+        return jax.vmap(lambda _: small.constant(small.env("InvertedPendulum"), 1.5))(jnp.arange(keys.size))
+
+    def ground(env, rollout, logs, config, keys, **options):
+        given["ground"] = {
+            "env": env, "rollout": rollout, "logs": logs, "config": config, "keys": keys, **options
+        }  # fmt: skip
+        zeros = np.zeros((config.iterations, keys.shape[0]))
+        return transformers(keys), {"reward": zeros, "error_uniform": zeros}
+
+    def invert(env, logs, config, keys):
+        given["invert"] = {"env": env, "logs": logs, "config": config, "keys": keys}
+        made = jax.tree.map(lambda x: x.reshape(*keys.shape, *x.shape[1:]), transformers(keys))
+        return made, jnp.zeros(keys.shape[0])
+
+    def train(cell, method, source, target, sets, transformers, folder, quiet):
+        given["train"] = {"source": source, "target": target, "sets": sets, "transformers": transformers}
+        return small.stacked(
+            *(jax.tree.map(lambda x, i=i: x[i], sets).learner(0, small.SAC) for i in range(3))
+        )
+
+    monkeypatch.setattr(target_log, "collect", record)
+    monkeypatch.setattr(ensemble, "ground_ensemble", ground)
+    monkeypatch.setattr(ensemble, "invert_ensemble", invert)
+    monkeypatch.setattr(methods, "_train", train)
+    monkeypatch.setattr(
+        methods, "_evaluate", lambda cell, target, agents: {"return_stochastic": np.zeros((3, 2))}
+    )
+    monkeypatch.setattr(methods, "_errors", lambda cell, source, target, made: [{} for _ in SEEDS])
+
+    def run(method: str):
+        given.clear()
+        given["outcome"] = methods.run(cell(method), tmp_path / method)
+        return given
+
+    return run
+
+
+def biases(tree) -> np.ndarray:
+    """Tells policies apart: the mean action of each, `[..., K]`."""
+    return np.asarray(tree.params["params"]["Dense_1"]["bias"])[..., 0]
+
+
+@pytest.mark.parametrize("name", GROUNDING)
+def test_a_grounding_method_gets_its_policies_its_logs_and_keys_of_its_own(handed, name):
+    method, given = METHODS[name], handed(name)
+    assert set(given["targets"]) == {"SkewedPendulum"}
+    size, members = (
+        (TINY.policies if method.several_policies else 1),
+        (TINY.members if method.ensemble else 1),
+    )
+    stage = given.get("ground") or given["invert"]
+    assert stage["env"].name == "InvertedPendulum"
+    # Of the four policies of the set of its kind, experiment i has i, i + 1, ...
+    whole = biases(small.policy_set("InvertedPendulum", size=4, seed=len(method.kind)).actor)
+    wanted = np.stack([whole[[(i + k) % 4 for k in range(size)]] for i in SEEDS])
+    sets = given["train"]["sets"]
+    np.testing.assert_array_equal(biases(sets.actor), wanted)
+    if "ground" in given:
+        np.testing.assert_array_equal(biases(stage["rollout"].params), np.repeat(wanted, members, axis=0))
+        logs = np.asarray(stage["logs"].observation)[:, 0, 0, 0]
+        assert logs.shape == (3 * members,)
+        # One log an experiment, shared by its members.
+        np.testing.assert_array_equal(logs, np.repeat(logs[::members], members))
+        assert len(set(logs)) == 3
+    keys = np.asarray(jax.random.key_data(stage["keys"])).reshape(3 * members, -1)
+    assert len(np.unique(keys, axis=0)) == 3 * members
+    shape = jax.tree.leaves(given["train"]["transformers"])[0].shape[:2]
+    assert shape == (3, members)
+
+
+@pytest.mark.parametrize("name", GROUNDING)
+def test_a_grounding_method_grounds_as_its_structure_says(handed, name):
+    given = handed(name)
+    if name == "GAT":
+        assert "ground" not in given
+        return
+    stage = given["ground"]
+    assert stage["config"] == methods.grounding_config(METHODS[name], TINY, "InvertedPendulum")
+    assert (stage["config"].branches > 1) == (name in ("Vine", "MPGE+"))
+    assert ("invert" in given) == (name == "MPGE+") == (stage["start"] is not None)
+    assert stage["stopping"] == (TINY.plus.stopping if name == "MPGE+" else None)
+    if name == "MPGE+":
+        np.testing.assert_array_equal(stage["start"].params["log_std"], np.full((6, 1), -3.0))
+        # Its inversion does not see the rows that judge it.
+        assert isinstance(stage["stopping"], EarlyStop)
+        assert int(np.sum(given["invert"]["logs"].count)) < int(np.sum(stage["logs"].count))
+
+
+def test_simulator_steps_and_target_steps_are_all_counted(handed):
+    rows = {
+        name: handed(name)["outcome"].rows for name in ("direct", "SPG", "MPGE-MS", "Vine", "GAT", "target")
+    }
+    assert {row["target_steps"] for name in ("SPG", "MPGE-MS", "Vine", "GAT") for row in rows[name]} == {12}
+    # 3 iterations of 4 environments and 8 steps.
+    assert rows["SPG"][0]["grounding_simulator_steps"] == 3 * 32
+    assert rows["MPGE-MS"][0]["grounding_simulator_steps"] == 2 * 3 * 32
+    # With 2 branches of 4 steps: 16 states more an iteration, and the log's 12 rows once.
+    assert rows["Vine"][0]["grounding_simulator_steps"] == 2 * (3 * (32 + 16) + 12)
+    # 2 iterations of one difference and one try, after the first.
+    assert rows["GAT"][0]["grounding_simulator_steps"] == 12 * (1 + 2 * 2)
+    # 8 random steps; 6 updates are 3 iterations of 2 environments and 4 steps.
+    assert [row["target_steps"] for row in rows["target"]] == [8 + 3 * 8] * 3
+    assert [row["target_steps"] for row in rows["direct"]] == [0] * 3
+
+
+def test_an_er_set_of_another_coefficient_is_refused(monkeypatch):
+    monkeypatch.setattr(
+        policies,
+        "shipped",
+        lambda task, kind, coefficient: (small.policy_set(), {"entropy_coefficient": 0.1}),
+    )
+    other = dataclasses.replace(TINY, entropy_coefficient=0.01)
+    with pytest.raises(ValueError, match=r"made with an entropy coefficient of 0.1, preset tiny wants 0.01"):
+        methods._policy_set("InvertedPendulum", "ER", other)
+    assert methods._policy_set("InvertedPendulum", "MS", other).size == 3
+
+
+def test_agents_train_behind_the_transformers_and_in_the_target_only_where_asked(monkeypatch, tmp_path):
+    """What the first, random steps of an agent lead to shows where it acts."""
+    source, target = small.env("InvertedPendulum"), small.env("SkewedPendulum")
+    sets = jax.tree.map(lambda x: x[None, :2], small.policy_set())
+    begun = {}
+
+    def stop_at_once(update, state, iterations, **options):
+        begun["state"] = state
+        return state, {}
+
+    monkeypatch.setattr(methods.loop, "run", stop_at_once)
+    pushed = jax.tree.map(lambda x: x[None, None], small.constant(source, -1.0))
+    one = Cell("SkewedPendulum", "SPG", SAMPLES, (0,), TINY, "c", "mujoco")
+    for name, transformers, change in (("SPG", pushed, -1.0), ("target", None, 1.5)):
+        methods._train(one, METHODS[name], source, target, sets, transformers, tmp_path, True)
+        rows = np.asarray(begun["state"].buffer.rows)[0, :8]
+        observation, action, following = rows[:, :4], rows[:, 4:5], rows[:, 6:10]
+        executed = np.clip(action + change, -3.0, 3.0)
+        reached = small.step_from("InvertedPendulum", observation, executed)
+        np.testing.assert_allclose(following, reached, atol=2e-5)
+        bare = small.step_from("InvertedPendulum", observation, action)
+        assert np.abs(following - bare).max(axis=1).min() > 0.02
+        # It starts from the experiment's own policy, the first of the set.
+        np.testing.assert_array_equal(
+            begun["state"].learner.actor.params["params"]["Dense_1"]["bias"][0],
+            sets.actor.params["params"]["Dense_1"]["bias"][0, 0],
+        )
+
+
+def test_direct_does_not_train(tmp_path):
+    source, target = small.env("InvertedPendulum"), small.env("SkewedPendulum")
+    sets = jax.tree.map(lambda x: x[None, :2], small.policy_set())
+    one = Cell("SkewedPendulum", "direct", 0, (0,), TINY, "c", "mujoco")
+    learners = methods._train(one, METHODS["direct"], source, target, sets, None, tmp_path, True)
+    jax.tree.map(np.testing.assert_array_equal, learners.actor, jax.tree.map(lambda x: x[:, 0], sets.actor))
+    assert isinstance(GroundedEnv(source, small.constant(source, 0.0)), envs.Wrapper)
