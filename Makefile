@@ -1,10 +1,12 @@
 # Every target runs in one virtual environment, made from the pinned versions in constraints.txt.
 #   VENV=DIR     another environment than .venv       PYTHON=PATH  the interpreter that makes it
 #   ARGS='...'   further arguments of the command that a target runs
+#   WORKERS=N    processes that run the tests, a file in each at a time
 
 VENV ?= .venv
 PYTHON ?=
 ARGS ?=
+WORKERS ?= 2
 
 PY := $(VENV)/bin/python
 # Without build isolation, so that what builds the project is pinned too.
@@ -45,10 +47,10 @@ benchmark: $(STAMP) ## measure simulation and grounding speed on this machine
 	$(PY) -m experiments.benchmark $(ARGS)
 
 test: $(STAMP) ## run the tests
-	$(PY) -m pytest $(ARGS)
+	$(PY) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
 
 test-slow: $(STAMP) ## run the long tests too
-	$(PY) -m pytest -m 'slow or not slow' $(ARGS)
+	$(PY) -m pytest -n $(WORKERS) --dist loadfile -m 'slow or not slow' $(ARGS)
 
 check: $(STAMP) ## lint, formatting and types
 	$(PY) -m ruff check .

@@ -46,7 +46,8 @@ class CEngine:
     """`init` and `step` on MuJoCo's C engine; batched by `vmap`, which becomes one call on all threads.
 
     A step is computed in float64; the state is carried in JAX's default float type, so that with `jax_enable_x64` a
-    trajectory is MuJoCo's to the last bits. There are no derivatives.
+    trajectory is MuJoCo's to the last bits. There are no derivatives. At its end a program waits for the steps under
+    way whose results it still holds; JAX has no way to wait for others, which may take it down with a signal.
 
     A simulation that diverges, or whose state or control is not finite, becomes NaN, as in MJX. (MuJoCo itself would
     put it back to the model's initial state, or take the control for 0, and go on.)

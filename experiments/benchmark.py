@@ -28,11 +28,14 @@ from rich.markdown import Markdown
 import envs
 from envs.tasks import gymnasium_spec
 from experiments.storage import versions
-from mpge_jax import buffer, files, grounding, policies, sac, target_log
+from mpge_jax import buffer, collect, files, grounding, policies, sac, target_log, transformer, trpo, value
+from mpge_jax.discriminator import Transitions
 from mpge_jax.grounding_config import GroundingConfig
+from mpge_jax.policy_gradient import PolicyBatch
 from mpge_jax.sac import SACConfig
 
-PARTS = ("envs", "grounding", "sac")
+PARTS = ("envs", "grounding", "stages", "sac")
+STAGES = ("collection", "discriminator", "values", "TRPO")
 SOURCE, TARGET = "HalfCheetah", "BrokenCheetah"
 SAMPLES = 5_000
 SAC_UPDATES = 64
@@ -187,6 +190,45 @@ def measure_grounding(backend: str, members: int, config: GroundingConfig, secon
     }
 
 
+def measure_stage(stage: str, members: int, config: GroundingConfig, seconds: float) -> Row:
+    """Iterations a second of one stage of grounding on the C engine, for `members` transformers together."""
+    source = envs.make(SOURCE, "c")
+    rollout = policies.shipped(SOURCE, "MS")[0].rollout
+    log = target_log.collect(jax.random.key(0), envs.make(TARGET, "c"), rollout, SAMPLES)
+
+    @jax.jit
+    @jax.vmap
+    def begin(key: jax.Array) -> Any:
+        state = grounding.init(key, source, rollout, log, config)
+        begun = state.env_state, state.rollout_policy
+        return state, collect.collect(key, state.current, begun, source, rollout, log, config)[1]
+
+    keys = jax.random.split(jax.random.key(1), members)
+    state, rows = begin(keys)
+
+    def run(key: jax.Array, state: grounding.GroundingState, rows: collect.Rows) -> Any:
+        if stage == "collection":
+            begun = state.env_state, state.rollout_policy
+            return collect.collect(key, state.current, begun, source, rollout, log, config)
+        if stage == "discriminator":
+            seen = Transitions(rows.observation, rows.action, rows.next_observation, rows.expected)
+            return grounding._update_discriminator(
+                key, state.discriminator, seen, rows.rollout_policy, log, state.expected, config
+            )
+        inputs = transformer.network_inputs(state.transformer, rows.observation, rows.action)
+        # Any numbers will do for rewards: the work is the same.
+        if stage == "values":
+            value_config = config.value(rollout.size)
+            return value.update(state.value, inputs, rows.rollout_policy, rows.log_prob, key, value_config)
+        batch = PolicyBatch(inputs, rows.delta, rows.log_prob, rows.log_prob)
+        learner = trpo.TRPOState(state.policy.params)
+        return trpo.update(learner, batch, key, transformer.apply, trpo.TRPOConfig())
+
+    compiled = jax.jit(jax.vmap(run))
+    row = measure(lambda: compiled(keys, state, rows), members, seconds)
+    return {"stage": stage, "members": members, **row}
+
+
 def measure_sac(members: int, config: SACConfig, seconds: float) -> Row:
     """SAC updates a second of `members` agents together, on random transitions of HalfCheetah's sizes."""
     obs_size, action_size, rows = 17, 6, 10_000
@@ -247,6 +289,14 @@ def plan(args: Args) -> Iterator[tuple[str, str, Callable[[], Row]]]:
             for members in args.members:
                 label = f"{backend}, {members} at once"
                 yield "grounding", label, partial(measure_grounding, backend, members, config, args.seconds)
+    if "stages" in args.part:
+        for stage in STAGES:
+            for members in args.members:
+                yield (
+                    "stages",
+                    f"{stage}, {members} at once",
+                    partial(measure_stage, stage, members, GroundingConfig(), args.seconds),
+                )
     if "sac" in args.part:
         for members in args.members:
             yield "sac", f"{members} at once", partial(measure_sac, members, SACConfig(), args.seconds)
@@ -263,7 +313,7 @@ def ratios(rows: list[Row]) -> list[Row]:
         base = {"envs": gym, "grounding": REFERENCE}.get(row["part"])
         extra = {} if base is None else {"ratio": row["rate"] / base}
         for one in rows:
-            same = all(one.get(name) == row.get(name) for name in ("part", "backend"))
+            same = all(one.get(name) == row.get(name) for name in ("part", "backend", "stage"))
             if same and "members" in row and one.get("members") == 1 and row["members"] > 1:
                 extra["cost"] = row["members"] * one["rate"] / row["rate"]
         done.append({**row, **extra})
@@ -305,6 +355,18 @@ def markdown(record: Row) -> str:
             f"| {row['backend']} | {row['members']} | {row['copies']:,} | {row['batch']:,} | {row['rate']:,.0f} "
             f"| {_of(row, 'ratio')} | {_of(row, 'cost')} |"
             for row in of["grounding"]
+        ]
+    if of["stages"]:
+        lines += [
+            "",
+            "Where that time goes (C engine; a round is one iteration's share of every transformer):",
+            "",
+            "| stage | transformers at once | milliseconds a round | time against one transformer |",
+            "|---|--:|--:|--:|",
+        ]
+        lines += [
+            f"| {row['stage']} | {row['members']} | {1e3 * row['members'] / row['rate']:,.0f} | {_of(row, 'cost')} |"
+            for row in of["stages"]
         ]
     if of["sac"]:
         lines += [

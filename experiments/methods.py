@@ -296,7 +296,7 @@ def _ground(
 def _errors(
     cell: Cell, source: envs.Env, target: envs.Env, transformers: Transformer
 ) -> list[dict[str, Any]]:
-    """The action-transformation error of each seed (fact 28), a mean over its members."""
+    """The action-transformation error of each seed along random rollouts, as in the paper; mean over members."""
     truth = transform_error.truth_of(target)
     if truth is None:
         return [{} for _ in cell.seeds]

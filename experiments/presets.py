@@ -47,14 +47,12 @@ class VineSettings:
     Attributes:
       branches: draws of pi_g at each state.
       max_kl: TRPO's trust region.
-      discriminator_updates: gradient steps on D in one iteration.
       learning_rate, penalty_coefficient: of D, which judges s' less the simulator's own step.
       memory: share of the run that the average of the iterates reaches back over.
     """
 
     branches: int = 8
     max_kl: float = 0.03
-    discriminator_updates: int = 12
     learning_rate: float = 1e-3
     penalty_coefficient: float = 5.0
     memory: float = 0.05
@@ -80,7 +78,6 @@ class VineSettings:
                 learning_rate=self.learning_rate,
                 penalty_coefficient=self.penalty_coefficient,
             ),
-            discriminator_updates=self.discriminator_updates,
             averaging=max(0.0, 1.0 - 1.0 / (self.memory * base.iterations)),
         )
 
@@ -150,13 +147,14 @@ def _fast_agent(updates: int, random_steps: int) -> AgentConfig:
     return AgentConfig(sac=_FAST_SAC, buffer_capacity=steps, random_steps=random_steps)
 
 
-def _fast(iterations: int, log_std: float, updates: int, random_steps: int) -> TaskSettings:
+def _fast(iterations: int, log_std: float, judged: int, updates: int, random_steps: int) -> TaskSettings:
+    """`judged` updates of D an iteration, `updates` of the agent in all."""
     grounding = GroundingConfig(
         iterations=iterations,
         transformer=TransformerConfig(init_log_std=log_std),
         policy=TRPOConfig(max_kl=0.03),
         discriminator=DiscriminatorConfig(learning_rate=1e-3),
-        discriminator_updates=12,
+        discriminator_updates=judged,
     )
     return TaskSettings(grounding, _fast_agent(updates, random_steps), updates)
 
@@ -180,7 +178,7 @@ def _paper(grounding: GroundingConfig, steps: Mapping[str, int]) -> dict[str, Ta
         return replace(grounding, iterations=-(-steps[task] // grounding.simulator_steps))
 
     return {
-        # The pendulum's values learn slower (fact 6).
+        # The pendulum's values learn slower.
         "InvertedPendulum": TaskSettings(
             replace(of("InvertedPendulum"), value_learning_rate=3e-4),
             _paper_agent(1_000),
@@ -194,9 +192,9 @@ def _paper(grounding: GroundingConfig, steps: Mapping[str, int]) -> dict[str, Ta
 QUICK = Preset(
     name="quick",
     tasks={
-        "InvertedPendulum": _fast(100, -0.5, 3_072, 1_000),
-        "Hopper": _fast(150, -1.5, 5_120, 1_000),
-        "HalfCheetah": _fast(150, -1.5, 5_120, 10_000),
+        "InvertedPendulum": _fast(100, -0.5, 24, 3_072, 1_000),
+        "Hopper": _fast(150, -1.5, 12, 5_120, 1_000),
+        "HalfCheetah": _fast(150, -1.5, 12, 5_120, 10_000),
     },
     inversion=InversionConfig(epochs=200),
     plus=PlusSettings(iterations=40),
@@ -205,9 +203,9 @@ QUICK = Preset(
 STANDARD = Preset(
     name="standard",
     tasks={
-        "InvertedPendulum": _fast(200, -0.5, 6_144, 1_000),
-        "Hopper": _fast(500, -1.5, 30_720, 1_000),
-        "HalfCheetah": _fast(1000, -1.5, 30_720, 10_000),
+        "InvertedPendulum": _fast(200, -0.5, 24, 6_144, 1_000),
+        "Hopper": _fast(500, -1.5, 12, 30_720, 1_000),
+        "HalfCheetah": _fast(1000, -1.5, 12, 30_720, 10_000),
     },
 )
 

@@ -229,24 +229,26 @@ def _where(versions: dict[str, str]) -> str:
 def policies_section() -> str:
     """The policies that ship with the project: returns in the source, and how they were trained."""
     lines = [
-        "`python -m experiments.pretrain --task TASK --kind KIND`, evaluated over 50 episodes of the source task for "
-        "each policy:",
+        "`python -m experiments.pretrain --task TASK --kind KIND` (ER sets: `--entropy-coefficient 0.1` or "
+        "`0.01`), evaluated over 50 episodes of the source task for each policy:",
         "",
-        "| task | kind | policies | return, deterministic: mean (least to most) | return, stochastic | SAC updates "
-        "| environment steps | kept of each training | batch, learning rate | seed | machine |",
+        "| task | kind, entropy coefficient | policies | return, deterministic: mean (least to most) "
+        "| return, stochastic | SAC updates | environment steps | kept of each training "
+        "| batch, learning rate | seed | machine |",
         "|---|---|--:|--:|--:|--:|--:|---|---|--:|---|",
     ]
     tasks = [name for name in envs.names() if envs.source_of(name) == name]
     for task in tasks:
-        for kind in policies.KINDS:
-            if not policies.shipped_path(task, kind).is_file():
-                lines.append(f"| {task} | {kind} | none shipped | | | | | | | | |")
+        for kind, coefficient in (("MS", 0.1), ("ER", 0.1), ("ER", 0.01)):
+            label = kind if kind == "MS" else f"{kind}, {coefficient:g}"
+            if not policies.shipped_path(task, kind, coefficient).is_file():
+                lines.append(f"| {task} | {label} | none shipped | | | | | | | | |")
                 continue
-            stored, about = policies.shipped(task, kind)
+            stored, about = policies.shipped(task, kind, coefficient)
             sac = about.get("config", {}).get("sac", {})
             returns = about.get("returns", {})
             lines.append(
-                f"| {task} | {kind} | {stored.size} | {_range(returns.get('deterministic'))} "
+                f"| {task} | {label} | {stored.size} | {_range(returns.get('deterministic'))} "
                 f"| {_range(returns.get('stochastic'))} | {_number(about.get('updates'))} "
                 f"| {_number(about.get('env_steps'))} | {about.get('kept', 'its end, by an earlier version')} "
                 f"| {sac.get('batch_size', '')}, {sac.get('actor_lr', '')} "

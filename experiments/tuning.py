@@ -2,9 +2,9 @@
 
 python -m experiments.tuning --out results/tuning
 
-Each candidate differs from its base in one setting; all ground one transformer with five policies (MPG-MS) from the
-same logs. Judged is the action-transformation error (uniform random actions, logged states), which is known on these
-tasks and never looked at on others. Writes docs/tuning.md. A candidate that is done is not run again.
+Each candidate differs from a base in the settings that it is named by; all ground one transformer with five policies
+(MPG-MS) from the same logs. Judged is the action-transformation error (uniform random actions, logged states). Writes
+docs/tuning.md. A candidate that is done is not run again.
 """
 
 import json
@@ -22,9 +22,11 @@ import tyro
 
 import envs
 from experiments.presets import STANDARD, VineSettings
-from experiments.storage import versions
+from experiments.storage import plain, versions
 from mpge_jax import ensemble, files, policies, target_log, transform_error
+from mpge_jax.discriminator import DiscriminatorConfig
 from mpge_jax.grounding_config import GroundingConfig
+from mpge_jax.transformer import TransformerConfig
 from mpge_jax.trpo import TRPOConfig
 
 SAMPLES = 1_000
@@ -51,14 +53,40 @@ VARIANTS = (
 Change = Callable[[GroundingConfig], GroundingConfig]
 
 
+_VINE = VineSettings(
+    branches=8,
+    max_kl=0.03,
+    learning_rate=1e-3,
+    penalty_coefficient=5.0,
+    memory=0.05,
+)
+
+
+def base(source: str) -> GroundingConfig:
+    """Where the search began."""
+    return GroundingConfig(
+        iterations=ITERATIONS[source],
+        transformer=TransformerConfig(init_log_std=-0.5 if source == "InvertedPendulum" else -1.5),
+        policy=TRPOConfig(max_kl=0.03),
+        discriminator=DiscriminatorConfig(learning_rate=1e-3),
+        discriminator_updates=12,
+    )
+
+
+def chosen(source: str, method: str) -> GroundingConfig:
+    """What `quick` and `standard` have, at the length of the search."""
+    grounding = replace(STANDARD.tasks[source].grounding, iterations=ITERATIONS[source])
+    return grounding if method == "MPG-MS" else STANDARD.vine.grounding(grounding)
+
+
 @dataclass(frozen=True)
 class Candidate:
     """One configuration.
 
     Attributes:
       method: whose structure it has, `MPG-MS` or `Vine`.
-      what: how it differs from its base, or "as frozen".
-      change: from the preset's grounding of the paper's structure to what is tried.
+      what: how it differs from the base, or "base".
+      change: from the base's grounding of the paper's structure to what is tried.
     """
 
     method: str
@@ -88,13 +116,13 @@ def _updates(count: int) -> Change:
 
 
 def _vine(**settings: Any) -> Change:
-    return lambda c: replace(VineSettings(), **settings).grounding(c)
+    return lambda c: replace(_VINE, **settings).grounding(c)
 
 
 def candidates() -> list[Candidate]:
-    """All that is tried: the frozen setting of each structure first."""
+    """All that is tried: the base of each structure first."""
     paper: Mapping[str, Change] = {
-        "as frozen": lambda c: c,
+        "base": lambda c: c,
         "max KL 0.01": _trpo(0.01),
         "spread exp(0)": _spread(0.0),
         "spread exp(-0.5)": _spread(-0.5),
@@ -104,20 +132,34 @@ def candidates() -> list[Candidate]:
         "D updates 8": _updates(8),
         "D updates 24": _updates(24),
         "average of a twentieth": lambda c: replace(c, averaging=1.0 - 20.0 / c.iterations),
+        "D updates 24, spread exp(-1.5)": lambda c: _updates(24)(_spread(-1.5)(c)),
     }
     vine: Mapping[str, Change] = {
-        "as frozen": _vine(),
+        "base": _vine(),
         "max KL 0.01": _vine(max_kl=0.01),
         "branches 4": _vine(branches=4),
         "D rate 3e-4": _vine(learning_rate=3e-4),
         "D penalty 10": _vine(penalty_coefficient=10.0),
-        "D updates 24": _vine(discriminator_updates=24),
+        "D updates 24": lambda c: _vine()(_updates(24)(c)),
+        "D updates 24, spread exp(-1.5)": lambda c: _vine()(_updates(24)(_spread(-1.5)(c))),
     }
     return [
         Candidate(method, what, change)
         for method, changes in (("MPG-MS", paper), ("Vine", vine))
         for what, change in changes.items()
     ]
+
+
+def tried(source: str) -> list[Candidate]:
+    """The candidates that differ from those before them."""
+    configs: list[GroundingConfig] = []
+    found = []
+    for candidate in candidates():
+        config = candidate.change(base(source))
+        if config not in configs:
+            configs.append(config)
+            found.append(candidate)
+    return found
 
 
 @dataclass(frozen=True)
@@ -132,8 +174,7 @@ class Args:
 def run(task: str, candidate: Candidate) -> dict[str, Any]:
     """Errors of a candidate at a quarter, half and the end of its run, `[SEEDS]` each."""
     target, source = envs.make(task), envs.make(envs.source_of(task))
-    base = replace(STANDARD.tasks[source.name].grounding, iterations=ITERATIONS[source.name])
-    config = candidate.change(base)
+    config = candidate.change(base(source.name))
     chosen, _ = policies.shipped(source.name, "MS")
     keys = jax.random.split(jax.random.key(0), SEEDS)
     sets = jax.tree.map(lambda x: jnp.stack([x] * SEEDS), chosen.rollout)
@@ -156,6 +197,7 @@ def run(task: str, candidate: Candidate) -> dict[str, Any]:
         "what": candidate.what,
         "iterations": len(error),
         "simulator_steps": len(error) * config.simulator_steps,
+        "config": plain(config),
         "errors": {
             str(share): error[max(0, i - 5) : i].mean(axis=0).round(4).tolist() for share, i in at.items()
         },
@@ -178,8 +220,7 @@ def markdown(rows: list[dict[str, Any]]) -> str:
         f"One transformer, five policies (`MS`), {SAMPLES:,} target transitions, {SEEDS} seeds. Figures: "
         "action-transformation error under uniform random actions on logged states, mean of the last five iterations "
         "up to a quarter, a half and all of the run; mean (least to most) over seeds. `MPG-MS` has the paper's "
-        "structure, `Vine` is this project's ([grounding.md](grounding.md)). Each row changes one setting of `as "
-        "frozen`.",
+        "structure, `Vine` is this project's ([grounding.md](grounding.md)). **Bold**: what the presets have.",
     ]
     for task in dict.fromkeys(row["task"] for row in rows):
         of = [row for row in rows if row["task"] == task]
@@ -192,8 +233,10 @@ def markdown(rows: list[dict[str, Any]]) -> str:
         ]
         for row in of:
             errors = " | ".join(_range(row["errors"][share]) for share in ("0.25", "0.5", "1.0"))
+            picked = row["config"] == plain(chosen(envs.source_of(task), row["method"]))
+            what = f"**{row['what']}**" if picked else row["what"]
             lines.append(
-                f"| {row['method']} | {row['what']} | {row['iterations']:,} | {row['simulator_steps']:,} | {errors} |"
+                f"| {row['method']} | {what} | {row['iterations']:,} | {row['simulator_steps']:,} | {errors} |"
             )
     if rows:
         lines += ["", f"Machine: {rows[0]['versions']['machine']}."]
@@ -217,7 +260,7 @@ def main() -> int:
     register()
     rows = []
     for task in args.task:
-        for candidate in candidates():
+        for candidate in tried(envs.source_of(task)):
             record = args.out / task / f"{candidate.name}.json"
             if not record.is_file():
                 files.write_text(record, json.dumps(run(task, candidate), indent=1))

@@ -6,6 +6,7 @@ from mpge_jax.grounded_env import GroundedEnv
 from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.inversion import InversionConfig
 from mpge_jax.policies import PolicySet
+from mpge_jax.rollout import RolloutPolicies
 from mpge_jax.target_log import TargetLog
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "GroundingConfig",
     "InversionConfig",
     "PolicySet",
+    "RolloutPolicies",
     "TargetLog",
     "diagnose",
     "ground",

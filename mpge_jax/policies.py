@@ -14,13 +14,14 @@ import flax.traverse_util
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from mpge_jax import files, sac
 from mpge_jax.rollout import RolloutPolicies
 from mpge_jax.sac import Actor, SACConfig, SACState
 
 KINDS = ("MS", "ER")
-# Weight of the entropy bonus in the paper's text (fact 27).
+# Weight of the entropy bonus in the paper's text.
 ER_COEFFICIENT = 0.1
 
 
@@ -30,12 +31,12 @@ class PolicySet(flax.struct.PyTreeNode):
     Attributes:
       actor: parameters and action scale.
       critic: both critics of each.
-      log_alpha: temperature, `[K]`.
+      log_alpha: logarithm of the temperature.
     """
 
     actor: Actor
     critic: Any
-    log_alpha: jax.Array
+    log_alpha: Float[Array, "*n K"]
 
     @property
     def size(self) -> int:
@@ -77,18 +78,20 @@ def from_learners(state: SACState) -> PolicySet:
     return PolicySet(state.actor, state.critic, state.log_alpha)
 
 
-def mean_entropy(policies: PolicySet, weights: jax.Array, obs: jax.Array) -> jax.Array:
-    """Mean Gaussian entropy before squashing, `[]`, of the policies with `weights [K]` 1 at `obs [O]`; else 0."""
+def mean_entropy(
+    policies: PolicySet, weights: Float[Array, " K"], obs: Float[Array, " O"]
+) -> Float[Array, ""]:
+    """Mean Gaussian entropy before squashing of the policies with `weights` 1 at `obs`; 0 where there is none."""
     entropies = jax.vmap(lambda actor: sac.policy_entropy(actor, obs))(policies.actor)
     return jnp.sum(weights * entropies) / jnp.maximum(jnp.sum(weights), 1.0)
 
 
 def entropy_bonus(
-    coefficient: float, earlier: PolicySet, weights: jax.Array
-) -> Callable[[jax.Array], jax.Array]:
-    """What an entropy-regularised policy earns at `obs [O]` beside the task's reward, `[]`: the MPGE paper's ER set.
+    coefficient: float, earlier: PolicySet, weights: Float[Array, " K"]
+) -> Callable[[Float[Array, " O"]], Float[Array, ""]]:
+    """What an entropy-regularised policy earns at an observation beside the task's reward: the MPGE paper's ER set.
 
-    `coefficient` times the mean entropy there of the `earlier` policies with `weights [K]` 1; nothing for the first.
+    `coefficient` times the mean entropy there of the `earlier` policies with `weights` 1; nothing for the first.
     """
     return lambda obs: coefficient * mean_entropy(earlier, weights, obs)
 
@@ -153,7 +156,7 @@ def shipped(
     Args:
       task: the source task.
       kind: `MS` or `ER`.
-      entropy_coefficient: of an `ER` set: 0.1 (the paper's text) or 0.01 (its authors' code), fact 27.
+      entropy_coefficient: of an `ER` set: 0.1 (the paper's text) or 0.01 (its authors' code).
     """
     if kind not in KINDS:
         raise ValueError(f"unknown kind of policy set {kind!r} (known: {', '.join(KINDS)})")

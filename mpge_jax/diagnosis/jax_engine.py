@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from envs._mjx import mjx
+from envs._mjx import mjx, without_lapack
 from envs.mjx_engine import check_computed
 from mpge_jax.diagnosis import stepping
 from mpge_jax.diagnosis.stepping import Machine
@@ -60,7 +60,7 @@ class CorrectedEngine:
     def init(self, qpos: jax.Array, qvel: jax.Array) -> CorrectedData:
         """State at rest of all memories."""
         data = mjx.make_data(self.model).replace(qpos=jnp.asarray(qpos), qvel=jnp.asarray(qvel))
-        with jax.numpy_rank_promotion("allow"):
+        with jax.numpy_rank_promotion("allow"), without_lapack():
             data = mjx.forward(self.mjx_model, data)
         zero = jnp.zeros(self.model.nu, data.qpos.dtype)
         commands = stepping.command_start(jnp, self.machine, zero, self._dt)
@@ -94,7 +94,7 @@ class CorrectedEngine:
             ctrl=applied.ctrl.astype(kind), qfrc_applied=applied.qfrc.astype(kind),
             xfrc_applied=applied.xfrc.astype(kind),
         )  # fmt: skip
-        with jax.numpy_rank_promotion("allow"):  # MJX relies on it
+        with jax.numpy_rank_promotion("allow"), without_lapack():  # MJX relies on the first
             data = mjx.step(model, data)
         past = jnp.concatenate([jnp.concatenate([data.qpos, data.qvel])[None], past[:-1]])
         return data, commands, forces, past

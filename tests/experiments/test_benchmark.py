@@ -73,7 +73,7 @@ def test_the_record_is_written_as_json_and_markdown(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--part", "grond"], "--part grond is not known (allowed: envs, grounding, sac)"),
+        (["--part", "grond"], "--part grond is not known (allowed: envs, grounding, stages, sac)"),
         (["--backend", "cuda"], "--backend cuda is not known (allowed: c, mjx, warp)"),
         (["--copies", "0"], "--copies must be at least 1, got 0"),
         (["--members", "-1"], "--members must be at least 1, got -1"),

@@ -37,7 +37,7 @@ TINY = Preset(
             agent_updates=6,
         )
     },
-    vine=VineSettings(branches=2, discriminator_updates=1),
+    vine=VineSettings(branches=2),
     inversion=InversionConfig(TransformerConfig(hidden=(8,)), iterations=2, epochs=2, minibatch_size=16),
     plus=PlusSettings(iterations=2, stopping=EarlyStop(rows=8)),
     policies=2,
