@@ -12,6 +12,7 @@ PY := $(VENV)/bin/python
 # Without build isolation, so that what builds the project is pinned too.
 PIP := $(PY) -m pip install --disable-pip-version-check --no-input --no-build-isolation -c constraints.txt
 STAMP := $(VENV)/.installed
+CLIENTS := $(VENV)/.clients
 UNFINISHED := $(VENV)/.unfinished
 
 # Run, not looked up: a pyenv shim answers to `which` without being a Python, and Debian splits venv off.
@@ -49,7 +50,7 @@ benchmark: $(STAMP) ## measure simulation and grounding speed on this machine
 test: $(STAMP) ## run the tests
 	$(PY) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
 
-test-slow: $(STAMP) ## run the long tests too
+test-slow: $(CLIENTS) ## run the long tests too, other people's trainers among them
 	$(PY) -m pytest -n $(WORKERS) --dist loadfile -m 'slow or not slow' $(ARGS)
 
 check: $(STAMP) ## lint, formatting and types
@@ -69,6 +70,11 @@ lock: $(STAMP) ## write constraints.txt anew from pyproject.toml (newest version
 clean: ## remove caches and build products (keeps .venv and results)
 	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name '.?*' -prune -o -type d -name __pycache__ -exec rm -rf {} +
+
+$(CLIENTS): $(STAMP)
+	@echo "== Adding trainers that are not ours to $(VENV)"
+	@$(PIP) --quiet -e '.[clients]'
+	@touch $@
 
 # A stamp is worth nothing when the interpreter behind it is gone.
 ifneq ($(shell $(PY) -c 'print("runs")' 2>/dev/null),runs)

@@ -10,13 +10,15 @@ from typing import Any
 import flax.struct
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from envs import AutoReset, Environment, State, select
 from mpge_jax import buffer as replay
 from mpge_jax import sac
+from mpge_jax.policy_gradient import Metrics
 from mpge_jax.sac import Actor, SACConfig, SACState
 
-RewardBonus = Callable[[jax.Array], jax.Array]
+RewardBonus = Callable[[Float[Array, " O"]], Float[Array, ""]]
 
 
 @dataclass(frozen=True)
@@ -80,13 +82,13 @@ class AgentState(flax.struct.PyTreeNode):
     learner: SACState
     buffer: replay.ReplayBuffer
     env_state: State
-    episode_return: jax.Array
-    last_return: jax.Array
-    key: jax.Array
+    episode_return: Float[Array, "*n E"]
+    last_return: Float[Array, "*n E"]
+    key: Key[Array, "*n"]
 
 
 def init(
-    key: jax.Array,
+    key: PRNGKeyArray,
     env: Environment,
     config: AgentConfig,
     learner: SACState | None = None,
@@ -113,7 +115,7 @@ def init(
     )
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
 
-    def random_action(obs: jax.Array, key: jax.Array) -> jax.Array:
+    def random_action(obs: Float[Array, "E O"], key: PRNGKeyArray) -> Float[Array, "E A"]:
         return jax.random.uniform(key, (obs.shape[0], env.action_size), obs.dtype, low, high)
 
     steps = -(-config.random_steps // config.num_envs)
@@ -122,7 +124,7 @@ def init(
 
 def iterate(
     state: AgentState, env: Environment, config: AgentConfig, bonus: RewardBonus | None = None
-) -> tuple[AgentState, dict[str, jax.Array]]:
+) -> tuple[AgentState, Metrics]:
     """One iteration: `steps_per_iteration` in each environment and `updates_per_iteration` SAC updates.
 
     Args:
@@ -138,10 +140,10 @@ def iterate(
     steps = config.steps_per_iteration // config.alternations
     updates = config.updates_per_iteration // config.alternations
 
-    def alternate(state: AgentState, _: None) -> tuple[AgentState, dict[str, jax.Array]]:
+    def alternate(state: AgentState, _: None) -> tuple[AgentState, Metrics]:
         key, key_act, key_update = jax.random.split(state.key, 3)
 
-        def policy(obs: jax.Array, key: jax.Array) -> jax.Array:
+        def policy(obs: Float[Array, "E O"], key: PRNGKeyArray) -> Float[Array, "E A"]:
             return sac.act(state.learner.actor, obs, key)
 
         state = _collect(state.replace(key=key), env, policy, key_act, steps, bonus)
@@ -156,14 +158,16 @@ def iterate(
 def _collect(
     state: AgentState,
     env: Environment,
-    policy: Callable[[jax.Array, jax.Array], jax.Array],
-    key: jax.Array,
+    policy: Callable[[Float[Array, "E O"], PRNGKeyArray], Float[Array, "E A"]],
+    key: PRNGKeyArray,
     steps: int,
     bonus: RewardBonus | None,
 ) -> AgentState:
     stepper = jax.vmap(AutoReset(env).step)
 
-    def body(carry: tuple[State, jax.Array, jax.Array], key: jax.Array) -> tuple[Any, replay.Transition]:
+    def body(
+        carry: tuple[State, Float[Array, " E"], Float[Array, " E"]], key: PRNGKeyArray
+    ) -> tuple[Any, replay.Transition]:
         env_state, episode_return, last_return = carry
         obs = env_state.obs
         action = policy(obs, key)
@@ -186,17 +190,19 @@ def _collect(
 
 
 def evaluate(
-    key: jax.Array,
+    key: PRNGKeyArray,
     env: Environment,
     actor: Actor,
     episodes: int = 50,
     stochastic: bool = False,
-) -> jax.Array:
-    """Undiscounted returns `[episodes]` of whole episodes in `env`. `key` is consumed."""
+) -> Float[Array, " episodes"]:
+    """Undiscounted returns of whole episodes in `env`. `key` is consumed."""
     key_reset, key_act = jax.random.split(key)
     first = jax.vmap(env.reset)(jax.random.split(key_reset, episodes))
 
-    def body(carry: tuple[State, jax.Array, jax.Array], key: jax.Array) -> tuple[Any, None]:
+    def body(
+        carry: tuple[State, Float[Array, " E"], Float[Array, " E"]], key: PRNGKeyArray
+    ) -> tuple[Any, None]:
         env_state, total, alive = carry
         action = sac.act(actor, env_state.obs, key if stochastic else None)
         after = jax.vmap(env.step)(env_state, action)

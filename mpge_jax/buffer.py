@@ -12,6 +12,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 from flax import struct
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 
 class Transition(struct.PyTreeNode):
@@ -22,11 +23,11 @@ class Transition(struct.PyTreeNode):
     auto-reset.
     """
 
-    obs: jax.Array  # [..., O]
-    action: jax.Array  # [..., A], in the environment's units
-    reward: jax.Array  # [...]
-    next_obs: jax.Array  # [..., O]
-    terminated: jax.Array  # [...], 1.0 where the task itself ended, else 0.0
+    obs: Float[Array, "*n O"]
+    action: Float[Array, "*n A"]  # in the environment's units
+    reward: Float[Array, "*n"]
+    next_obs: Float[Array, "*n O"]
+    terminated: Float[Array, "*n"]  # 1.0 where the task itself ended, else 0.0
 
 
 def check_shapes(transitions: Transition, obs_size: int, action_size: int) -> None:
@@ -59,9 +60,9 @@ class ReplayBuffer(struct.PyTreeNode):
       obs_size, action_size: `O` and `A` (static).
     """
 
-    rows: jax.Array
-    position: jax.Array
-    size: jax.Array
+    rows: Float[Array, "*n capacity F"]
+    position: Int[Array, "*n"]
+    size: Int[Array, "*n"]
     obs_size: int = struct.field(pytree_node=False)
     action_size: int = struct.field(pytree_node=False)
 
@@ -120,7 +121,7 @@ def add_batch(buffer: ReplayBuffer, transitions: Transition) -> ReplayBuffer:
     )
 
 
-def sample(buffer: ReplayBuffer, key: jax.Array, batch_size: int) -> Transition:
+def sample(buffer: ReplayBuffer, key: PRNGKeyArray, batch_size: int) -> Transition:
     """`[B]` transitions drawn uniformly with replacement from the valid rows. `key` is consumed.
 
     The buffer must hold at least one transition: an empty one yields zeros.

@@ -8,6 +8,7 @@ from typing import Any
 import flax.struct
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from envs import Env, State, select
 from mpge_jax import transformer
@@ -28,39 +29,39 @@ class Rows(flax.struct.PyTreeNode):
       expected: where the untouched simulator goes from (s, a), for a discriminator of residuals; else None.
     """
 
-    observation: jax.Array
-    action: jax.Array
-    next_observation: jax.Array
-    delta: jax.Array
-    log_prob: jax.Array
-    rollout_policy: jax.Array
-    expected: jax.Array | None
+    observation: Float[Array, "*n O"]
+    action: Float[Array, "*n A"]
+    next_observation: Float[Array, "*n O"]
+    delta: Float[Array, "*n A"]
+    log_prob: Float[Array, "*n"]
+    rollout_policy: Int[Array, "*n"]
+    expected: Float[Array, "*n O"] | None
 
 
 def collect(
-    key: jax.Array,
+    key: PRNGKeyArray,
     pi_g: Transformer,
-    begun: tuple[State, jax.Array],
+    begun: tuple[State, Int[Array, " B"]],
     env: Env,
     policies: RolloutPolicies,
     log: TargetLog,
     config: GroundingConfig,
-) -> tuple[tuple[State, jax.Array], Rows]:
+) -> tuple[tuple[State, Int[Array, " B"]], Rows]:
     """T steps of B simulators under K rollout policies and pi_g. `key` is consumed.
 
     Args:
-      begun: the B simulators, and the rollout policy that acts in each, `[B]`; as from `start`.
+      begun: the B simulators, and the rollout policy that acts in each; as from `start`.
 
     Returns:
       What `begun` has become, and the rows in the order `[T, J, B]`.
     """
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
 
-    def ask(obs: jax.Array, key: jax.Array, which: jax.Array) -> jax.Array:
+    def ask(obs: Float[Array, " O"], key: PRNGKeyArray, which: Int[Array, ""]) -> Float[Array, " A"]:
         # All K policies act and one is picked: cheaper than gathering B copies of a policy's weights.
         return jax.vmap(policies.act, (0, None, None))(policies.params, obs, key)[which]
 
-    def body(carry: tuple[State, jax.Array], key: jax.Array) -> tuple[Any, Rows]:
+    def body(carry: tuple[State, Int[Array, " B"]], key: PRNGKeyArray) -> tuple[Any, Rows]:
         env_state, which = carry
         key_act, key_delta, key_start = jax.random.split(key, 3)
         obs = env_state.obs
@@ -87,8 +88,10 @@ def collect(
     return begun, jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), rows)
 
 
-def start(key: jax.Array, env: Env, log: TargetLog, config: GroundingConfig) -> tuple[State, jax.Array]:
-    """The first state of an episode, and the rollout policy drawn for it, `[]`. `key` is consumed."""
+def start(
+    key: PRNGKeyArray, env: Env, log: TargetLog, config: GroundingConfig
+) -> tuple[State, Int[Array, ""]]:
+    """The first state of an episode, and the rollout policy drawn for it. `key` is consumed."""
     key_policy, key_state = jax.random.split(key)
     which = jax.random.randint(key_policy, (), 0, log.count.shape[0])
     if config.restart_steps:

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 from flax.linen.initializers import xavier_uniform
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from mpge_jax import normalise
 from mpge_jax.networks import MLP
@@ -77,16 +78,16 @@ class DiscriminatorConfig:
 
 
 class Transitions(struct.PyTreeNode):
-    """B transitions: `observation` `[B, O]`, `action` `[B, A]`, `next_observation` `[B, O]`.
+    """Transitions (s, a, s').
 
     `action` is what the rollout policy asked for, in the grounded simulator too: never the transformed one.
-    `expected` `[B, O]`, for `next_as="residual"` alone, is where the simulator goes under that action.
+    `expected`, for `next_as="residual"` alone, is where the simulator goes under that action.
     """
 
-    observation: jax.Array
-    action: jax.Array
-    next_observation: jax.Array
-    expected: jax.Array | None = None
+    observation: Float[Array, "*n O"]
+    action: Float[Array, "*n A"]
+    next_observation: Float[Array, "*n O"]
+    expected: Float[Array, "*n O"] | None = None
 
 
 class DiscriminatorState(struct.PyTreeNode):
@@ -103,7 +104,7 @@ class DiscriminatorState(struct.PyTreeNode):
     params: Params
     optimiser: optax.OptState
     stats: normalise.RunningStats
-    interpolation: jax.Array
+    interpolation: Float[Array, "*n I"]
 
 
 def _network(config: DiscriminatorConfig) -> nn.Module:
@@ -111,7 +112,7 @@ def _network(config: DiscriminatorConfig) -> nn.Module:
 
 
 def init(
-    key: jax.Array, observation_size: int, action_size: int, config: DiscriminatorConfig
+    key: PRNGKeyArray, observation_size: int, action_size: int, config: DiscriminatorConfig
 ) -> DiscriminatorState:
     """A fresh discriminator that has seen no data. `key` is consumed."""
     network_key, interpolation_key = jax.random.split(key)
@@ -125,8 +126,8 @@ def init(
     )
 
 
-def _measured(rows: Transitions, config: DiscriminatorConfig) -> jax.Array:
-    """The features of `rows` that statistics are kept of, `[B, F]`."""
+def _measured(rows: Transitions, config: DiscriminatorConfig) -> Float[Array, "B F"]:
+    """The features of `rows` that statistics are kept of."""
     pair = [rows.observation, rows.action]
     if config.next_as == "observation":
         return jnp.concatenate(pair, axis=-1)
@@ -139,7 +140,7 @@ def _measured(rows: Transitions, config: DiscriminatorConfig) -> jax.Array:
 
 def network_inputs(
     stats: normalise.RunningStats, rows: Transitions, config: DiscriminatorConfig
-) -> jax.Array:
+) -> Float[Array, "B I"]:
     """`[norm(s, a), norm(s')]`, `[B, 2 O + A]`; s' by the statistics of s, so that the step s' - s survives.
 
     Or `norm(s, a, residual)`, every feature by its own statistics.
@@ -164,24 +165,26 @@ def network_inputs(
     )
 
 
-def _grounded_is_high(params: Params, inputs: jax.Array, config: DiscriminatorConfig) -> jax.Array:
+def _grounded_is_high(
+    params: Params, inputs: Float[Array, "B I"], config: DiscriminatorConfig
+) -> Float[Array, " B"]:
     sign = 1.0 if config.labels == "paper" else -1.0
     return sign * _network(config).apply(params, inputs)[..., 0]
 
 
 def logits_grounded_is_high(
     state: DiscriminatorState, rows: Transitions, config: DiscriminatorConfig
-) -> jax.Array:
-    """Log-odds `[B]` that each transition is the grounded simulator's."""
+) -> Float[Array, " B"]:
+    """Log-odds that each transition is the grounded simulator's."""
     return _grounded_is_high(state.params, network_inputs(state.stats, rows, config), config)
 
 
-def reward(state: DiscriminatorState, rows: Transitions, config: DiscriminatorConfig) -> jax.Array:
-    """Reward of the action transformer, `[B]`, in [0, 18.4]: high where a transition may be the target's."""
+def reward(state: DiscriminatorState, rows: Transitions, config: DiscriminatorConfig) -> Float[Array, " B"]:
+    """Reward of the action transformer, in [0, 18.4]: high where a transition may be the target's."""
     return reward_from_logits(logits_grounded_is_high(state, rows, config))
 
 
-def reward_from_logits(grounded_is_high: jax.Array) -> jax.Array:
+def reward_from_logits(grounded_is_high: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """`-log clip(P(grounded), 1e-8, 1 - 1e-8)`, written so that it neither overflows nor rounds to a step."""
     return jnp.clip(jax.nn.softplus(-grounded_is_high), -math.log1p(-1e-8), MAX_REWARD)
 
@@ -190,7 +193,7 @@ def update(
     state: DiscriminatorState,
     grounded: Transitions,
     target: Transitions,
-    key: jax.Array,
+    key: PRNGKeyArray,
     config: DiscriminatorConfig,
 ) -> tuple[DiscriminatorState, Metrics]:
     """One gradient step on as many grounded as target rows, B each. `key` is consumed.
@@ -223,12 +226,18 @@ def update(
 
 
 def loss(
-    params: Params, grounded: jax.Array, target: jax.Array, weight: jax.Array, config: DiscriminatorConfig
-) -> tuple[jax.Array, Metrics]:
+    params: Params,
+    grounded: Float[Array, "B I"],
+    target: Float[Array, "B I"],
+    weight: Float[Array, "#B #I"],
+    config: DiscriminatorConfig,
+) -> tuple[Float[Array, ""], Metrics]:
     """Cross-entropy of each side, less the entropy bonus, plus the gradient penalty; and the health metrics.
 
+    The cross-entropies are equation (2) of Lee et al. (IJCAI 2022): the rows of all K rollout policies, one D.
+
     Args:
-      grounded: normalised inputs `[B, I]`; `target` likewise.
+      grounded: normalised inputs; `target` likewise.
       weight: of the grounded row in the interpolation, `[B, 1]` or `[1, I]`.
     """
     rows = grounded.shape[0]
@@ -248,8 +257,10 @@ def loss(
     }
 
 
-def gradient_penalty(params: Params, inputs: jax.Array, config: DiscriminatorConfig) -> jax.Array:
-    """`mean (|d logit / d input| - target)^2` over `inputs` `[B, I]` (Gulrajani et al., 2017, equation 3)."""
+def gradient_penalty(
+    params: Params, inputs: Float[Array, "B I"], config: DiscriminatorConfig
+) -> Float[Array, ""]:
+    """`mean (|d logit / d input| - target)^2` over `inputs` (Gulrajani et al., 2017, equation 3)."""
     # Rows do not influence each other, so the gradient of the sum holds every row's own gradient.
     slopes = jax.grad(lambda x: jnp.sum(_grounded_is_high(params, x, config)))(inputs)
     # The derivative of a norm at zero is undefined; the small term keeps it finite.

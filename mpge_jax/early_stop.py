@@ -10,6 +10,7 @@ import flax.struct
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int, Shaped
 
 from envs import Env, select
 from mpge_jax import prediction
@@ -45,7 +46,7 @@ class EarlyStop:
         """The log to learn from, and the rows that judge."""
         return prediction.hold_out(log, self.share, self.rows)
 
-    def is_over(self, metrics: dict[str, np.ndarray]) -> bool:
+    def is_over(self, metrics: dict[str, Shaped[np.ndarray, "*n"]]) -> bool:
         """Whether no member of the run has become better for `patience` iterations."""
         return bool(np.all(metrics["held_out_stale"] >= self.patience))
 
@@ -56,14 +57,14 @@ class EarlyStopState(flax.struct.PyTreeNode):
     Attributes:
       grounding: where it stands.
       best: parameters of pi_g that predicted the rows held out best.
-      error: of `best`, `[]`.
-      stale: iterations since, `[]`.
+      error: of `best`.
+      stale: iterations since.
     """
 
     grounding: GroundingState
     best: Params
-    error: jax.Array
-    stale: jax.Array
+    error: Float[Array, "*n"]
+    stale: Int[Array, "*n"]
 
     @property
     def result(self) -> Transformer:

@@ -1,8 +1,9 @@
 """Grounding: an action transformer learned by adversarial imitation from observation (MPGE, Algorithm 1).
 
 Rollout policies act in the simulator through pi_g(delta | s, a); a discriminator D(s, a, s') shared by all of them
-tells these transitions from the target's; pi_g follows the reward -log D by TRPO or PPO, with gamma = 0, so that the
-advantage is r - V_k(s, a), or, where several draws branch off from one state, r less the mean reward of the others.
+tells these transitions from the target's, which is equation (2) of Lee et al. (IJCAI 2022); pi_g follows the reward
+-log D, whose mean over the K policies is their equation (3), by TRPO or PPO, with gamma = 0, so that the advantage is
+r - V_k(s, a), or, where several draws branch off from one state, r less the mean reward of the others.
 
 `init` and `update` are pure. Train N transformers, each with its own log, policies and key, by `jax.vmap` over both.
 
@@ -15,6 +16,7 @@ import types
 import flax.struct
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from envs import Env, State
 from mpge_jax import collect, discriminator, ppo, transformer, trpo, value
@@ -39,8 +41,8 @@ class GroundingState(flax.struct.PyTreeNode):
       value: the K value functions.
       discriminator: D.
       env_state: of B simulators.
-      rollout_policy: which policy acts in each, `[B]`.
-      expected: next observations of the untouched simulator from the logged (s, a), `[K, M, O]`, where D wants them.
+      rollout_policy: which policy acts in each.
+      expected: next observations of the untouched simulator from the logged (s, a), where D wants them.
       key: for all later draws.
     """
 
@@ -50,9 +52,9 @@ class GroundingState(flax.struct.PyTreeNode):
     value: ValueState
     discriminator: DiscriminatorState
     env_state: State
-    rollout_policy: jax.Array
-    expected: jax.Array | None
-    key: jax.Array
+    rollout_policy: Int[Array, "*n B"]
+    expected: Float[Array, "*n K M O"] | None
+    key: Key[Array, "*n"]
 
     @property
     def current(self) -> Transformer:
@@ -70,7 +72,7 @@ def _algorithm(config: GroundingConfig) -> types.ModuleType:
 
 
 def init(
-    key: jax.Array,
+    key: PRNGKeyArray,
     env: Env,
     policies: RolloutPolicies,
     log: TargetLog,
@@ -134,7 +136,7 @@ def update(
     rewards = discriminator.reward(judge, grounded, config.discriminator)
 
     inputs = transformer.network_inputs(state.transformer, rows.observation, rows.action)
-    # gamma = 0: the return is the reward.
+    # Equation (3) is followed along r = -log D less a baseline. gamma = 0: the return is the reward.
     if config.branches > 1:
         heads, value_metrics = state.value, Metrics()
         advantages = _less_siblings(rewards, config)
@@ -165,28 +167,28 @@ def update(
     return state, metrics
 
 
-def _less_siblings(rewards: jax.Array, config: GroundingConfig) -> jax.Array:
-    """Rewards `[T * J * B]` less the mean of the other draws at the same state."""
+def _less_siblings(rewards: Float[Array, " R"], config: GroundingConfig) -> Float[Array, " R"]:
+    """Rewards, R = T * J * B, less the mean of the other draws at the same state."""
     of_state = rewards.reshape(config.steps_per_iteration, config.branches, config.num_envs)
     others = (jnp.sum(of_state, axis=1, keepdims=True) - of_state) / (config.branches - 1)
     return (of_state - others).reshape(-1)
 
 
 def _update_discriminator(
-    key: jax.Array,
+    key: PRNGKeyArray,
     state: DiscriminatorState,
     grounded: Transitions,
-    which: jax.Array,
+    which: Int[Array, " R"],
     log: TargetLog,
-    expected: jax.Array | None,
+    expected: Float[Array, "K M O"] | None,
     config: GroundingConfig,
 ) -> tuple[DiscriminatorState, Metrics]:
     count = config.discriminator_batch
 
-    def step(state: DiscriminatorState, key: jax.Array) -> tuple[DiscriminatorState, Metrics]:
+    def step(state: DiscriminatorState, key: PRNGKeyArray) -> tuple[DiscriminatorState, Metrics]:
         key_grounded, key_target, key_update = jax.random.split(key, 3)
         rows = jax.random.randint(key_grounded, (count,), 0, which.shape[0])
-        # As many target rows of a policy as grounded rows of it, with replacement (facts 13 and 14 of the release).
+        # As many target rows of a policy as grounded rows of it, with replacement, as the authors' release has it.
         of = which[rows]
         at = jax.random.randint(key_target, (count,), 0, log.count[of])
         every = Transitions(log.observation, log.action, log.next_observation, expected)

@@ -8,14 +8,17 @@ Shapes: `B` transitions, `O` observation, `A` action size.
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import flax.struct
 import jax
 import jax.numpy as jnp
 import optax
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from envs import Env
 from mpge_jax import transformer
+from mpge_jax.policy_gradient import Params
 from mpge_jax.target_log import TargetLog
 from mpge_jax.transformer import Transformer, TransformerConfig
 
@@ -54,25 +57,25 @@ class InversionConfig:
         return rows * (1 + self.iterations * (action_size + 1))
 
 
-_Search = tuple[jax.Array, jax.Array, jax.Array]
+_Search = tuple[Float[Array, "B A"], Float[Array, "B O"], Float[Array, " B"]]
 
 
 class Inverted(flax.struct.PyTreeNode):
     """Actions that explain logged transitions.
 
     Attributes:
-      observation: `[B, O]`.
-      action: the logged action, `[B, A]`.
-      explained: the simulator's action a~, `[B, A]`.
-      misfit: what a~ leaves unexplained of s', root mean square in standard deviations of s' - s, `[B]`.
-      weight: 1, or 0 for padding, `[B]`.
+      observation: where it was taken.
+      action: the logged action.
+      explained: the simulator's action a~.
+      misfit: what a~ leaves unexplained of s', root mean square in standard deviations of s' - s.
+      weight: 1, or 0 for padding.
     """
 
-    observation: jax.Array
-    action: jax.Array
-    explained: jax.Array
-    misfit: jax.Array
-    weight: jax.Array
+    observation: Float[Array, "*n B O"]
+    action: Float[Array, "*n B A"]
+    explained: Float[Array, "*n B A"]
+    misfit: Float[Array, "*n B"]
+    weight: Float[Array, "*n B"]
 
 
 def invert(env: Env, log: TargetLog, config: InversionConfig) -> Inverted:
@@ -96,7 +99,7 @@ def invert(env: Env, log: TargetLog, config: InversionConfig) -> Inverted:
 
     predict = jax.vmap(env.predict)
 
-    def residual(act: jax.Array) -> jax.Array:
+    def residual(act: Float[Array, "B A"]) -> Float[Array, "B O"]:
         return (predict(observation, act) - target) / scale[None]
 
     delta = config.difference * (high - low)
@@ -127,7 +130,7 @@ def invert(env: Env, log: TargetLog, config: InversionConfig) -> Inverted:
     return Inverted(observation, action, explained, misfit, weight)
 
 
-def regress(key: jax.Array, inverted: Inverted, config: InversionConfig) -> Transformer:
+def regress(key: PRNGKeyArray, inverted: Inverted, config: InversionConfig) -> Transformer:
     """Fits the mean of a transformer to `explained - action`, on standardised inputs. `key` is consumed.
 
     Rows that no action explains count less: weight `1 / (1 + (misfit / median misfit)^2)`, with the median floored at
@@ -154,12 +157,12 @@ def regress(key: jax.Array, inverted: Inverted, config: InversionConfig) -> Tran
         optax.cosine_decay_schedule(config.learning_rate, steps), weight_decay=config.weight_decay
     )
 
-    def loss(params, chosen):
+    def loss(params: Params, chosen: Int[Array, " M"]) -> Float[Array, ""]:
         mean, _ = transformer.apply(params, inputs[chosen])
         error = jnp.sum((mean - wanted[chosen]) ** 2, axis=1)
         return jnp.sum(trust[chosen] * error) / jnp.maximum(jnp.sum(trust[chosen]), 1e-6)
 
-    def step(carry, key):
+    def step(carry: tuple[Params, Any], key: PRNGKeyArray) -> tuple[tuple[Params, Any], None]:
         params, opt = carry
         chosen = jax.random.randint(key, (min(config.minibatch_size, rows),), 0, rows)
         updates, opt = optimiser.update(jax.grad(loss)(params, chosen), opt, params)

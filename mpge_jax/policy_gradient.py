@@ -15,30 +15,31 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from flax import struct
+from jaxtyping import Array, Float, Int, PRNGKeyArray, Scalar
 
 Params = Any
-Metrics = dict[str, jax.Array]
-Distribution = Callable[[Params, jax.Array], tuple[jax.Array, jax.Array]]
+Metrics = dict[str, Scalar]
+Distribution = Callable[[Params, Float[Array, "B I"]], tuple[Float[Array, "B A"], Float[Array, "B A"]]]
 
 
 class PolicyBatch(struct.PyTreeNode):
     """B decisions of the policy that is to be updated.
 
     Attributes:
-      inputs: what the policy saw, `[B, I]`.
-      actions: what it drew, before any clipping, `[B, A]`.
-      log_probs: log-probability of `actions` when they were drawn, `[B]`.
-      advantages: `[B]`, in any unit: `update` standardises them.
+      inputs: what the policy saw.
+      actions: what it drew, before any clipping.
+      log_probs: log-probability of `actions` when they were drawn.
+      advantages: in any unit: `update` standardises them.
     """
 
-    inputs: jax.Array
-    actions: jax.Array
-    log_probs: jax.Array
-    advantages: jax.Array
+    inputs: Float[Array, "*n B I"]
+    actions: Float[Array, "*n B A"]
+    log_probs: Float[Array, "*n B"]
+    advantages: Float[Array, "*n B"]
 
 
-def standardise(advantages: jax.Array) -> jax.Array:
-    """Advantages `[B]` with mean 0 and standard deviation 1; all zero where they are all alike.
+def standardise(advantages: Float[Array, " B"]) -> Float[Array, " B"]:
+    """Advantages with mean 0 and standard deviation 1; all zero where they are all alike.
 
     Called once an update, over the whole batch, by `trpo.update` and `ppo.update`, and nowhere else.
     """
@@ -46,8 +47,10 @@ def standardise(advantages: jax.Array) -> jax.Array:
     return centred / (jnp.sqrt(jnp.mean(centred**2)) + 1e-8)
 
 
-def minibatch_indices(key: jax.Array, batch_size: int, minibatch_size: int, epochs: int) -> jax.Array:
-    """Row numbers `[epochs * (batch_size // minibatch_size), minibatch_size]`, a fresh shuffle every epoch.
+def minibatch_indices(
+    key: PRNGKeyArray, batch_size: int, minibatch_size: int, epochs: int
+) -> Int[Array, "S M"]:
+    """Row numbers of all S minibatches of M, `epochs * (batch_size // minibatch_size)`, a fresh shuffle every epoch.
 
     The rows that do not fill a last minibatch sit out that epoch. `key` is consumed.
     """

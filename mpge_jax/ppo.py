@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import optax
 from flax import struct
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from mpge_jax.distributions import gaussian_entropy, gaussian_log_prob
 from mpge_jax.policy_gradient import (
@@ -59,7 +60,7 @@ def init(params: Params, config: PPOConfig) -> PPOState:
 
 
 def update(
-    state: PPOState, batch: PolicyBatch, key: jax.Array, distribution: Distribution, config: PPOConfig
+    state: PPOState, batch: PolicyBatch, key: PRNGKeyArray, distribution: Distribution, config: PPOConfig
 ) -> tuple[PPOState, Metrics]:
     """`config.epochs` passes of minibatch gradient steps on the clipped objective. `key` is consumed.
 
@@ -72,13 +73,13 @@ def update(
     batch = replace(batch, advantages=standardise(batch.advantages))
     optimiser = _optimiser(config)
 
-    def log_ratio(params: Params, rows: PolicyBatch) -> jax.Array:
+    def log_ratio(params: Params, rows: PolicyBatch) -> Float[Array, " B"]:
         return gaussian_log_prob(rows.actions, *distribution(params, rows.inputs)) - rows.log_probs
 
-    def loss(params: Params, rows: PolicyBatch) -> jax.Array:
+    def loss(params: Params, rows: PolicyBatch) -> Float[Array, ""]:
         return -jnp.mean(clipped_objective(jnp.exp(log_ratio(params, rows)), rows.advantages, config.clip))
 
-    def step(carry: PPOState, indices: jax.Array) -> tuple[PPOState, jax.Array]:
+    def step(carry: PPOState, indices: Int[Array, " M"]) -> tuple[PPOState, Float[Array, ""]]:
         rows = jax.tree.map(lambda x: x[indices], batch)
         gradient = jax.grad(loss)(carry.params, rows)
         change, optimiser_state = optimiser.update(gradient, carry.optimiser, carry.params)
@@ -100,6 +101,8 @@ def update(
     return new_state, metrics
 
 
-def clipped_objective(ratio: jax.Array, advantages: jax.Array, clip: float) -> jax.Array:
-    """`min(ratio A, clip(ratio, 1 - clip, 1 + clip) A)` for each row `[B]` (equation 7)."""
+def clipped_objective(
+    ratio: Float[Array, "*n"], advantages: Float[Array, "*n"], clip: float
+) -> Float[Array, "*n"]:
+    """`min(ratio A, clip(ratio, 1 - clip, 1 + clip) A)` for each row (equation 7)."""
     return jnp.minimum(ratio * advantages, jnp.clip(ratio, 1.0 - clip, 1.0 + clip) * advantages)

@@ -6,6 +6,7 @@ Shapes: `K` rollout policies, `M` rows of a policy, `H` rows held out, `O` obser
 import flax.struct
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from envs import Env
 from mpge_jax import transformer
@@ -17,16 +18,16 @@ class HeldOut(flax.struct.PyTreeNode):
     """Target transitions that nothing was learned from.
 
     Attributes:
-      observation: `[H, O]`.
-      action: what the policy asked for, `[H, A]`.
-      next_observation: `[H, O]`.
-      weight: 1, or 0 for padding, `[H]`.
+      observation: s.
+      action: what the policy asked for.
+      next_observation: s'.
+      weight: 1, or 0 for padding.
     """
 
-    observation: jax.Array
-    action: jax.Array
-    next_observation: jax.Array
-    weight: jax.Array
+    observation: Float[Array, "*n H O"]
+    action: Float[Array, "*n H A"]
+    next_observation: Float[Array, "*n H O"]
+    weight: Float[Array, "*n H"]
 
 
 def hold_out(log: TargetLog, share: float, most: int = 256) -> tuple[TargetLog, HeldOut]:
@@ -51,8 +52,8 @@ def hold_out(log: TargetLog, share: float, most: int = 256) -> tuple[TargetLog, 
     return log.replace(count=kept), HeldOut(flat[0], flat[1], flat[2], (place < total).astype(jnp.float32))
 
 
-def one_step_error(env: Env, pi_g: Transformer, rows: HeldOut) -> jax.Array:
-    """Root mean square error, `[]`, of the predicted s', in standard deviations of s' - s; infinite where one diverges.
+def one_step_error(env: Env, pi_g: Transformer, rows: HeldOut) -> Float[Array, ""]:
+    """Root mean square error of the predicted s', in standard deviations of s' - s; infinite where one diverges.
 
     Every row starts anew from its logged state, under the deterministic pi_g.
 
@@ -69,7 +70,7 @@ def one_step_error(env: Env, pi_g: Transformer, rows: HeldOut) -> jax.Array:
     predicted = jax.vmap(env.predict)(rows.observation, executed)
     counts = rows.weight[:, None] > 0
 
-    def average(values: jax.Array) -> jax.Array:
+    def average(values: Float[Array, "H O"]) -> Float[Array, " O"]:
         # Chosen, not multiplied by 0: padding may diverge.
         return jnp.sum(jnp.where(counts, values, 0.0), axis=0) / jnp.sum(rows.weight)
 

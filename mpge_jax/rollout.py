@@ -14,11 +14,12 @@ from typing import Any
 
 import flax.struct
 import jax
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from envs import Environment
 
 Params = Any
-Act = Callable[[Params, jax.Array, jax.Array], jax.Array]
+Act = Callable[[Params, Float[Array, " O"], PRNGKeyArray], Float[Array, " A"]]
 
 
 class RolloutPolicies(flax.struct.PyTreeNode):

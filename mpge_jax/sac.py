@@ -26,11 +26,13 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 from flax.linen.initializers import variance_scaling
+from jaxtyping import Array, ArrayLike, Float, Int, PRNGKeyArray
 
 from mpge_jax import buffer as replay
 from mpge_jax.buffer import ReplayBuffer, Transition
 from mpge_jax.distributions import gaussian_entropy, tanh_gaussian_sample
 from mpge_jax.networks import MLP
+from mpge_jax.policy_gradient import Metrics
 
 LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
 # U(+-1/sqrt(fan_in)), PyTorch's default: what the paper's agent (Stable-Baselines3) starts from.
@@ -84,11 +86,11 @@ class Actor(struct.PyTreeNode):
 
     Attributes:
       params: of the network `obs -> (mean, log_std)`.
-      action_scale: `[A]`, half the width of the action box; actions are `tanh(.) * action_scale`.
+      action_scale: half the width of the action box; actions are `tanh(.) * action_scale`.
     """
 
     params: Any
-    action_scale: jax.Array
+    action_scale: Float[Array, "*n A"]
 
     @property
     def hidden(self) -> tuple[int, ...]:
@@ -103,19 +105,19 @@ class SACState(struct.PyTreeNode):
     Attributes:
       actor: the policy.
       critic, target_critic: parameters of both Q networks, a leading axis of 2 on every leaf.
-      log_alpha: logarithm of the temperature, `[]`.
+      log_alpha: logarithm of the temperature.
       actor_opt, critic_opt, alpha_opt: states of Adam.
-      step: updates so far, `[]`.
+      step: updates so far.
     """
 
     actor: Actor
     critic: Any
     target_critic: Any
-    log_alpha: jax.Array
+    log_alpha: Float[Array, "*n"]
     actor_opt: optax.OptState
     critic_opt: optax.OptState
     alpha_opt: optax.OptState
-    step: jax.Array
+    step: Int[Array, "*n"]
 
 
 def _actor_net(hidden: tuple[int, ...], action_size: int) -> MLP:
@@ -127,14 +129,18 @@ def _critic_net(config: SACConfig) -> MLP:
 
 
 def init(
-    key: jax.Array, obs_size: int, action_size: int, action_scale: jax.typing.ArrayLike, config: SACConfig
+    key: PRNGKeyArray,
+    obs_size: int,
+    action_size: int,
+    action_scale: Float[ArrayLike, " A"],
+    config: SACConfig,
 ) -> SACState:
     """Fresh networks and optimisers. `key` is consumed.
 
     Args:
       key: seeds the networks.
       obs_size, action_size: `O` and `A`.
-      action_scale: `[A]`, the upper end of a symmetric action box.
+      action_scale: the upper end of a symmetric action box.
       config: hyperparameters.
 
     Raises:
@@ -147,7 +153,7 @@ def init(
     return warm_start(Actor(actor_params, scale), critic, jnp.log(jnp.float32(config.init_alpha)), config)
 
 
-def warm_start(actor: Actor, critic: Any, log_alpha: jax.Array, config: SACConfig) -> SACState:
+def warm_start(actor: Actor, critic: Any, log_alpha: Float[Array, ""], config: SACConfig) -> SACState:
     """Goes on from a trained policy: its actor, critics and temperature.
 
     Optimisers are fresh and the targets equal the critics. Everything is copied, so that the new state can be
@@ -173,7 +179,7 @@ def warm_start(actor: Actor, critic: Any, log_alpha: jax.Array, config: SACConfi
     )
 
 
-def _init_networks(key: jax.Array, obs_size: int, action_size: int, config: SACConfig) -> tuple[Any, Any]:
+def _init_networks(key: PRNGKeyArray, obs_size: int, action_size: int, config: SACConfig) -> tuple[Any, Any]:
     actor_key, critic_key = jax.random.split(key)
     actor_params = _actor_net(config.hidden, action_size).init(actor_key, jnp.zeros(obs_size))
     critic_input = jnp.zeros(obs_size + action_size)
@@ -181,38 +187,42 @@ def _init_networks(key: jax.Array, obs_size: int, action_size: int, config: SACC
     return actor_params, critic
 
 
-def distribution(actor: Actor, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Mean and log-std `[..., A]` of the Gaussian before squashing, at `obs` `[..., O]`."""
+def distribution(
+    actor: Actor, obs: Float[Array, "*n O"]
+) -> tuple[Float[Array, "*n A"], Float[Array, "*n A"]]:
+    """Mean and log-std of the Gaussian before squashing, at `obs`."""
     out = _actor_net(actor.hidden, actor.action_scale.shape[-1]).apply(actor.params, obs)
     mean, log_std = jnp.split(out, 2, axis=-1)
     return mean, jnp.clip(log_std, LOG_STD_MIN, LOG_STD_MAX)
 
 
-def _scaled(actor: Actor, squashed: jax.Array) -> jax.Array:
+def _scaled(actor: Actor, squashed: Float[Array, "*n A"]) -> Float[Array, "*n A"]:
     return squashed * jnp.broadcast_to(actor.action_scale, squashed.shape)
 
 
-def act(actor: Actor, obs: jax.Array, key: jax.Array | None = None) -> jax.Array:
-    """Actions `[..., A]` at `obs [..., O]`: a sample where a key is given (consumed), else the mode."""
+def act(actor: Actor, obs: Float[Array, "*n O"], key: PRNGKeyArray | None = None) -> Float[Array, "*n A"]:
+    """Actions at `obs`: a sample where a key is given (consumed), else the mode."""
     mean, log_std = distribution(actor, obs)
     squashed = jnp.tanh(mean) if key is None else tanh_gaussian_sample(key, mean, log_std)[0]
     return _scaled(actor, squashed)
 
 
-def policy_entropy(actor: Actor, obs: jax.Array) -> jax.Array:
-    """Entropy `[...]` in nats of the Gaussian before squashing."""
+def policy_entropy(actor: Actor, obs: Float[Array, "*n O"]) -> Float[Array, "*n"]:
+    """Entropy in nats of the Gaussian before squashing."""
     return gaussian_entropy(distribution(actor, obs)[1])
 
 
-def q_values(critic: Any, obs: jax.Array, action: jax.Array, config: SACConfig) -> jax.Array:
-    """Both critics at `(obs [B, O], action [B, A])`: `[2, B]`."""
+def q_values(
+    critic: Any, obs: Float[Array, "B O"], action: Float[Array, "B A"], config: SACConfig
+) -> Float[Array, "2 B"]:
+    """Both critics at `(obs, action)`."""
     x = jnp.concatenate([obs, action], axis=-1)
     return jax.vmap(_critic_net(config).apply, (0, None))(critic, x)[..., 0]
 
 
 def update(
-    state: SACState, batch: Transition, key: jax.Array, config: SACConfig
-) -> tuple[SACState, dict[str, jax.Array]]:
+    state: SACState, batch: Transition, key: PRNGKeyArray, config: SACConfig
+) -> tuple[SACState, Metrics]:
     """One step on critics, actor, temperature and target critics. `key` is consumed.
 
     Args:
@@ -240,7 +250,7 @@ def update(
     next_q = q_values(state.target_critic, batch.next_obs, next_action, config).min(axis=0)
     target = batch.reward + config.gamma * (1.0 - batch.terminated) * (next_q - alpha * next_log_prob)
 
-    def critic_loss_fn(critic: Any) -> tuple[jax.Array, jax.Array]:
+    def critic_loss_fn(critic: Any) -> tuple[Float[Array, ""], Float[Array, ""]]:
         q = q_values(critic, batch.obs, batch.action, config)
         return 0.5 * jnp.square(q - target[None]).mean(axis=1).sum(), q.mean()
 
@@ -248,7 +258,7 @@ def update(
     updates, critic_opt = optax.adam(config.critic_lr).update(grads, state.critic_opt)
     critic = optax.apply_updates(state.critic, updates)
 
-    def actor_loss_fn(params: Any) -> tuple[jax.Array, jax.Array]:
+    def actor_loss_fn(params: Any) -> tuple[Float[Array, ""], Float[Array, " B"]]:
         actor = replace(state.actor, params=params)
         squashed, log_prob, _ = tanh_gaussian_sample(actor_key, *distribution(actor, batch.obs))
         q = q_values(critic, batch.obs, _scaled(actor, squashed), config).min(axis=0)
@@ -283,8 +293,8 @@ def update(
 
 
 def update_many(
-    state: SACState, buffer: ReplayBuffer, key: jax.Array, n: int, config: SACConfig
-) -> tuple[SACState, dict[str, jax.Array]]:
+    state: SACState, buffer: ReplayBuffer, key: PRNGKeyArray, n: int, config: SACConfig
+) -> tuple[SACState, Metrics]:
     """`n` updates, each on its own batch from `buffer`; metrics are averaged over them. `key` is consumed.
 
     Raises:
@@ -293,7 +303,7 @@ def update_many(
     if n < 1:
         raise ValueError(f"the number of updates must be at least 1, got {n}")
 
-    def body(state: SACState, key: jax.Array) -> tuple[SACState, dict[str, jax.Array]]:
+    def body(state: SACState, key: PRNGKeyArray) -> tuple[SACState, Metrics]:
         sample_key, update_key = jax.random.split(key)
         return update(state, replay.sample(buffer, sample_key, config.batch_size), update_key, config)
 

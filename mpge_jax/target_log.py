@@ -10,6 +10,7 @@ import flax.struct
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int, PRNGKeyArray, Shaped
 
 from envs import AutoReset, Environment, State
 from mpge_jax import files
@@ -22,35 +23,35 @@ class TargetLog(flax.struct.PyTreeNode):
     `next_observation` of a row that ended an episode is the state truly reached, never the next episode's first.
 
     Attributes:
-      observation: `[K, M, O]`.
-      action: what the policy asked for, `[K, M, A]`.
-      next_observation: `[K, M, O]`.
-      terminated: 1 where the task ended, `[K, M]`.
-      episode: number of the episode that a row belongs to, from 0 for every policy, `[K, M]`.
-      count: valid rows of each policy, `[K]`.
+      observation: s.
+      action: a, what the policy asked for.
+      next_observation: s'.
+      terminated: 1 where the task ended.
+      episode: number of the episode that a row belongs to, from 0 for every policy.
+      count: valid rows of each policy.
     """
 
-    observation: jax.Array
-    action: jax.Array
-    next_observation: jax.Array
-    terminated: jax.Array
-    episode: jax.Array
-    count: jax.Array
+    observation: Float[Array, "*n K M O"]
+    action: Float[Array, "*n K M A"]
+    next_observation: Float[Array, "*n K M O"]
+    terminated: Float[Array, "*n K M"]
+    episode: Int[Array, "*n K M"]
+    count: Int[Array, "*n K"]
 
     @property
     def steps(self) -> int:
         """Target steps that this log took, over all policies."""
         return int(np.sum(np.asarray(self.count)))
 
-    def rows(self) -> dict[str, np.ndarray]:
-        """Observations, actions and next observations of all valid rows, `[steps, ...]`, policy by policy."""
+    def rows(self) -> dict[str, Float[np.ndarray, "steps _"]]:
+        """Observations, actions and next observations of all valid rows, policy by policy."""
         valid = np.arange(self.observation.shape[1])[None, :] < np.asarray(self.count)[:, None]
         fields = ("observation", "action", "next_observation")
         return {name: np.asarray(getattr(self, name))[valid] for name in fields}
 
 
-def collect(key: jax.Array, env: Environment, policies: RolloutPolicies, budget: int) -> TargetLog:
-    """Takes exactly `budget` steps in the target `env`, shared evenly between the policies (fact 16).
+def collect(key: PRNGKeyArray, env: Environment, policies: RolloutPolicies, budget: int) -> TargetLog:
+    """Takes exactly `budget` steps in the target `env`, shared evenly between the policies.
 
     Where the budget does not divide, the first policies take one step more. `key` is consumed.
 
@@ -66,19 +67,21 @@ def collect(key: jax.Array, env: Environment, policies: RolloutPolicies, budget:
     each, rest = divmod(budget, size)
     wrapped = AutoReset(env)
 
-    def step(state: State, episode: jax.Array, params: Any, key: jax.Array) -> tuple[State, jax.Array, Any]:
+    def step(
+        state: State, episode: Int[Array, ""], params: Any, key: PRNGKeyArray
+    ) -> tuple[State, Int[Array, ""], Any]:
         action = policies.act(params, state.obs, key)
         after = wrapped.step(state, action)
         row = (state.obs, action, after.info["next_obs"], after.info["terminated"], episode)
         return after, episode + (after.done > 0), row
 
     @jax.jit
-    def record(key: jax.Array, params: Any) -> Any:
+    def record(key: PRNGKeyArray, params: Any) -> Any:
         key_reset, key_steps, key_rest = jax.random.split(key, 3)
         state = jax.vmap(wrapped.reset)(jax.random.split(key_reset, size))
         episode = jnp.zeros(size, jnp.int32)
 
-        def body(carry: tuple[State, jax.Array], key: jax.Array) -> Any:
+        def body(carry: tuple[State, Int[Array, " K"]], key: PRNGKeyArray) -> Any:
             state, episode, row = jax.vmap(step)(*carry, params, jax.random.split(key, size))
             return (state, episode), row
 
@@ -89,7 +92,9 @@ def collect(key: jax.Array, env: Environment, policies: RolloutPolicies, budget:
         first = jax.tree.map(lambda x: x[:rest], (*carry, params))
         *_, last = jax.vmap(step)(first[0], first[1], first[2], jax.random.split(key_rest, rest))
 
-        def append(all_: jax.Array, more: jax.Array) -> jax.Array:
+        def append(
+            all_: Shaped[Array, "K each *row"], more: Shaped[Array, "rest *row"]
+        ) -> Shaped[Array, "K each+1 *row"]:
             padded = jnp.zeros((size, 1, *more.shape[1:]), more.dtype).at[:rest, 0].set(more)
             return jnp.concatenate([all_, padded], axis=1)
 

@@ -11,13 +11,15 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
 
-from envs import AutoReset, Env
+from envs import AutoReset, Env, State
 from mpge_jax import transformer
+from mpge_jax.policy_gradient import Metrics
 from mpge_jax.target_log import TargetLog
 from mpge_jax.transformer import Transformer
 
-Truth = Callable[[jax.Array], jax.Array]
+Truth = Callable[[Float[Array, " A"]], Float[Array, " A"]]
 
 
 def truth_of(target: Env) -> Truth | None:
@@ -29,15 +31,19 @@ def truth_of(target: Env) -> Truth | None:
 
 
 def mean_error(
-    pi_g: Transformer, env: Env, truth: Truth, observation: jax.Array, action: jax.Array
-) -> jax.Array:
-    """Mean L2 distance, `[]`, between pi_g and the truth at `observation [B, O]`, `action [B, A]`."""
+    pi_g: Transformer,
+    env: Env,
+    truth: Truth,
+    observation: Float[Array, "B O"],
+    action: Float[Array, "B A"],
+) -> Float[Array, ""]:
+    """Mean L2 distance between pi_g and the truth at `observation`, `action`."""
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
     given = transformer.deterministic(pi_g, observation, action, low, high)
     return jnp.mean(jnp.linalg.norm(given - jax.vmap(truth)(action), axis=-1))
 
 
-def on_log(key: jax.Array, pi_g: Transformer, env: Env, truth: Truth, log: TargetLog) -> dict[str, jax.Array]:
+def on_log(key: PRNGKeyArray, pi_g: Transformer, env: Env, truth: Truth, log: TargetLog) -> Metrics:
     """`error_uniform` and `error_own`: at logged states, for uniform random actions and for the logged ones.
 
     1,024 rows drawn from the log with replacement; costs no simulation. `key` is consumed.
@@ -53,8 +59,10 @@ def on_log(key: jax.Array, pi_g: Transformer, env: Env, truth: Truth, log: Targe
     }
 
 
-def in_rollouts(key: jax.Array, pi_g: Transformer, env: Env, truth: Truth, steps: int = 2048) -> jax.Array:
-    """The paper's figure, `[]`: along `steps` steps of uniform random actions in the simulator grounded by `pi_g`.
+def in_rollouts(
+    key: PRNGKeyArray, pi_g: Transformer, env: Env, truth: Truth, steps: int = 2048
+) -> Float[Array, ""]:
+    """The paper's figure: along `steps` steps of uniform random actions in the simulator grounded by `pi_g`.
 
     Eight episodes side by side, from the task's own starts. `key` is consumed.
     """
@@ -64,7 +72,7 @@ def in_rollouts(key: jax.Array, pi_g: Transformer, env: Env, truth: Truth, steps
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
     first = jax.vmap(wrapped.reset)(jax.random.split(key_reset, copies))
 
-    def body(state, key):
+    def body(state: State, key: PRNGKeyArray) -> tuple[State, Float[Array, ""]]:
         action = _uniform(key, env, copies)
         executed = transformer.deterministic(pi_g, state.obs, action, low, high)
         return jax.vmap(wrapped.step)(state, executed), mean_error(pi_g, env, truth, state.obs, action)
@@ -73,6 +81,6 @@ def in_rollouts(key: jax.Array, pi_g: Transformer, env: Env, truth: Truth, steps
     return jnp.mean(errors)
 
 
-def _uniform(key: jax.Array, env: Env, count: int) -> jax.Array:
+def _uniform(key: PRNGKeyArray, env: Env, count: int) -> Float[Array, "B A"]:
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
     return jax.random.uniform(key, (count, env.action_size), minval=low, maxval=high)

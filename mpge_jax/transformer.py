@@ -8,9 +8,9 @@ unclipped draw, and `transform` applies it.
 from dataclasses import dataclass
 
 import flax.linen as nn
-import jax
 import jax.numpy as jnp
 from flax import struct
+from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from mpge_jax.distributions import gaussian_log_prob, gaussian_sample
 from mpge_jax.networks import MLP, orthogonal
@@ -41,16 +41,18 @@ class Transformer(struct.PyTreeNode):
 
     Attributes:
       params: what learning changes: `{"mean": network, "log_std": [A]}`.
-      input_mean: subtracted from (s, a), `[O + A]`; zeros in the paper, which feeds (s, a) raw.
-      input_std: divides the difference, `[O + A]`; ones in the paper.
+      input_mean: subtracted from (s, a); zeros in the paper, which feeds (s, a) raw.
+      input_std: divides the difference; ones in the paper.
     """
 
     params: Params
-    input_mean: jax.Array
-    input_std: jax.Array
+    input_mean: Float[Array, "*n I"]
+    input_std: Float[Array, "*n I"]
 
 
-def init(key: jax.Array, observation_size: int, action_size: int, config: TransformerConfig) -> Transformer:
+def init(
+    key: PRNGKeyArray, observation_size: int, action_size: int, config: TransformerConfig
+) -> Transformer:
     """A transformer whose mean residual is nearly zero, with raw inputs. `key` is consumed."""
     network = _network((*config.hidden, action_size))
     inputs = observation_size + action_size
@@ -64,8 +66,10 @@ def init(key: jax.Array, observation_size: int, action_size: int, config: Transf
     )
 
 
-def network_inputs(transformer: Transformer, observation: jax.Array, action: jax.Array) -> jax.Array:
-    """The network's view, `[..., O + A]`, of an `observation` `[..., O]` and a policy's `action` `[..., A]`.
+def network_inputs(
+    transformer: Transformer, observation: Float[Array, "*n O"], action: Float[Array, "*n A"]
+) -> Float[Array, "*n O+A"]:
+    """The network's view of an `observation` and a policy's `action`.
 
     Raises:
       ValueError: their sizes are not those the transformer was made for.
@@ -80,8 +84,8 @@ def network_inputs(transformer: Transformer, observation: jax.Array, action: jax
     return (pair - transformer.input_mean.reshape(shape)) / transformer.input_std.reshape(shape)
 
 
-def apply(params: Params, inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """`(mean, log_std)` of delta, `[..., A]` each: the `distribution` for `trpo.update` and `ppo.update`."""
+def apply(params: Params, inputs: Float[Array, "*n I"]) -> tuple[Float[Array, "*n A"], Float[Array, "*n A"]]:
+    """`(mean, log_std)` of delta: the `distribution` for `trpo.update` and `ppo.update`."""
     layers = params["mean"]["params"]
     sizes = tuple(layers[f"Dense_{i}"]["bias"].shape[-1] for i in range(len(layers)))
     mean = _network(sizes).apply(params["mean"], inputs)
@@ -89,27 +93,35 @@ def apply(params: Params, inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def distribution(
-    transformer: Transformer, observation: jax.Array, action: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """`(mean, log_std)` of delta, `[..., A]` each."""
+    transformer: Transformer, observation: Float[Array, "*n O"], action: Float[Array, "*n A"]
+) -> tuple[Float[Array, "*n A"], Float[Array, "*n A"]]:
+    """`(mean, log_std)` of delta."""
     return apply(transformer.params, network_inputs(transformer, observation, action))
 
 
 def sample(
-    transformer: Transformer, key: jax.Array, observation: jax.Array, action: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+    transformer: Transformer,
+    key: PRNGKeyArray,
+    observation: Float[Array, "*n O"],
+    action: Float[Array, "*n A"],
+) -> tuple[Float[Array, "*n A"], Float[Array, "*n"]]:
     """A residual as drawn, before any clipping. `key` is consumed.
 
     Returns:
-      `(delta [..., A], log_prob [...])`.
+      `(delta, log_prob)`.
     """
     mean, log_std = distribution(transformer, observation, action)
     delta = gaussian_sample(key, mean, log_std)
     return delta, gaussian_log_prob(delta, mean, log_std)
 
 
-def transform(delta: jax.Array, action: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
-    """The transformed action `[..., A]`: delta is clipped to +-(high - low), then the sum to `[low, high]`.
+def transform(
+    delta: Float[Array, "*n A"],
+    action: Float[Array, "*n A"],
+    low: Float[ArrayLike, " A"],
+    high: Float[ArrayLike, " A"],
+) -> Float[Array, "*n A"]:
+    """The transformed action: delta is clipped to +-(high - low), then the sum to `[low, high]`.
 
     The two clips differ only where `action` itself lies outside `[low, high]`.
     """
@@ -119,14 +131,18 @@ def transform(delta: jax.Array, action: jax.Array, low: jax.Array, high: jax.Arr
 
 
 def deterministic(
-    transformer: Transformer, observation: jax.Array, action: jax.Array, low: jax.Array, high: jax.Array
-) -> jax.Array:
-    """The transformed action `[..., A]` at the mean residual: so agents are trained and pi_g is judged."""
+    transformer: Transformer,
+    observation: Float[Array, "*n O"],
+    action: Float[Array, "*n A"],
+    low: Float[ArrayLike, " A"],
+    high: Float[ArrayLike, " A"],
+) -> Float[Array, "*n A"]:
+    """The transformed action at the mean residual: so agents are trained and pi_g is judged."""
     mean, _ = distribution(transformer, observation, action)
     return transform(mean, action, low, high)
 
 
-def _match(bound: jax.Array, like: jax.Array) -> jax.Array:
+def _match(bound: Float[ArrayLike, " A"], like: Float[Array, "*n A"]) -> Float[Array, "*n A"]:
     bound = jnp.asarray(bound, like.dtype)
     return jnp.broadcast_to(bound.reshape((1,) * (like.ndim - bound.ndim) + bound.shape), like.shape)
 

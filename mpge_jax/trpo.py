@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from mpge_jax.distributions import gaussian_entropy, gaussian_kl, gaussian_log_prob
 from mpge_jax.policy_gradient import Distribution, Metrics, Params, PolicyBatch, standardise
@@ -58,7 +59,7 @@ def init(params: Params, config: TRPOConfig) -> TRPOState:
 
 
 def update(
-    state: TRPOState, batch: PolicyBatch, key: jax.Array, distribution: Distribution, config: TRPOConfig
+    state: TRPOState, batch: PolicyBatch, key: PRNGKeyArray, distribution: Distribution, config: TRPOConfig
 ) -> tuple[TRPOState, Metrics]:
     """One trust-region step on `batch`. Deterministic: `key` is there for the interface shared with `ppo`.
 
@@ -72,7 +73,7 @@ def update(
     advantages = standardise(batch.advantages)
     old_mean, old_log_std = distribution(state.params, batch.inputs)
 
-    def surrogate_and_kl(flat_params: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def surrogate_and_kl(flat_params: Float[Array, " P"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         mean, log_std = distribution(unravel(flat_params), batch.inputs)
         ratio = jnp.exp(gaussian_log_prob(batch.actions, mean, log_std) - batch.log_probs)
         kl = gaussian_kl(old_mean, old_log_std, mean, log_std)
@@ -101,9 +102,11 @@ def update(
 
 
 def fisher_vector_product(
-    outputs: Callable[[jax.Array], tuple[jax.Array, jax.Array]], flat: jax.Array, damping: float
-) -> Callable[[jax.Array], jax.Array]:
-    """`v -> (F + damping I) v`, with F the Fisher matrix of `outputs(flat) = (mean, log_std)` `[B, A]`.
+    outputs: Callable[[Float[Array, " P"]], tuple[Float[Array, "B A"], Float[Array, "B A"]]],
+    flat: Float[Array, " P"],
+    damping: float,
+) -> Callable[[Float[Array, " P"]], Float[Array, " P"]]:
+    """`v -> (F + damping I) v`, with F the Fisher matrix of `outputs(flat) = (mean, log_std)`.
 
     F is the mean over rows, in Gauss-Newton form `J' M J / B`. M, the Fisher matrix of a diagonal Gaussian,
     is 1 / sigma^2 on the mean and 2 on log_std, so F is the Hessian of the mean KL. The network is linearised
@@ -114,7 +117,7 @@ def fisher_vector_product(
     precision = jnp.exp(-2.0 * log_std)
     rows = mean.shape[0]
 
-    def product(vector: jax.Array) -> jax.Array:
+    def product(vector: Float[Array, " P"]) -> Float[Array, " P"]:
         mean_dot, log_std_dot = jvp(vector)
         (result,) = vjp((precision * mean_dot / rows, 2.0 * log_std_dot / rows))
         return result + damping * vector
@@ -123,16 +126,16 @@ def fisher_vector_product(
 
 
 def conjugate_gradient(
-    product: Callable[[jax.Array], jax.Array], target: jax.Array, iterations: int
-) -> jax.Array:
+    product: Callable[[Float[Array, " P"]], Float[Array, " P"]], target: Float[Array, " P"], iterations: int
+) -> Float[Array, " P"]:
     """Approximate solution x of `A x = target` for symmetric positive definite A, from x = 0.
 
     Always `iterations` products; once the residual has vanished the rest change nothing.
     """
 
-    def step(
-        _: int, carry: tuple[jax.Array, jax.Array, jax.Array, jax.Array]
-    ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    Carry = tuple[Float[Array, " P"], Float[Array, " P"], Float[Array, " P"], Float[Array, ""]]
+
+    def step(_: Int[Array, ""], carry: Carry) -> Carry:
         x, residual, search, squared = carry
         image = product(search)
         alive = squared > vanished
@@ -150,21 +153,21 @@ def conjugate_gradient(
 
 
 def line_search(
-    surrogate_and_kl: Callable[[jax.Array], tuple[jax.Array, jax.Array]],
-    flat: jax.Array,
-    full_step: jax.Array,
-    before: jax.Array,
+    surrogate_and_kl: Callable[[Float[Array, " P"]], tuple[Float[Array, ""], Float[Array, ""]]],
+    flat: Float[Array, " P"],
+    full_step: Float[Array, " P"],
+    before: Float[Array, ""],
     config: TRPOConfig,
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """The longest of the steps 1, 1/2, ... that keeps to the trust region and does not lower the surrogate.
 
     Returns:
-      `(fraction, surrogate, kl)`, each `[]`, at the accepted step; `(0, before, 0)` where none was.
+      `(fraction, surrogate, kl)` at the accepted step; `(0, before, 0)` where none was.
     """
 
-    Carry = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+    Carry = tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""], Float[Array, ""]]
 
-    def searching(carry: Carry) -> jax.Array:
+    def searching(carry: Carry) -> Bool[Array, ""]:
         tries, fraction, _, _ = carry
         return (tries < config.line_search_steps) & (fraction == 0.0)
 

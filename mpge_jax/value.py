@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import optax
 from flax import struct
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from envs.select import select
 from mpge_jax.networks import MLP, orthogonal
@@ -63,7 +64,7 @@ def _network(config: ValueConfig) -> nn.Module:
     return MLP((*config.hidden, 1), nn.tanh, hidden_init=orthogonal(2.0**0.5), final_init=orthogonal(1.0))
 
 
-def init(key: jax.Array, input_size: int, config: ValueConfig) -> ValueState:
+def init(key: PRNGKeyArray, input_size: int, config: ValueConfig) -> ValueState:
     """Fresh values of (s, a) with `input_size = O + A`. `key` is consumed."""
     features = input_size + (config.policies if config.heads == "one_hot" else 0)
     keys = jax.random.split(key, config.networks)
@@ -71,8 +72,10 @@ def init(key: jax.Array, input_size: int, config: ValueConfig) -> ValueState:
     return ValueState(params=params, optimiser=jax.vmap(optax.adam(config.learning_rate).init)(params))
 
 
-def predict(params: Params, inputs: jax.Array, policy: jax.Array, config: ValueConfig) -> jax.Array:
-    """Values `[B]` of `inputs` `[B, O + A]` under the rollout policies numbered `policy` `[B]`, from 0."""
+def predict(
+    params: Params, inputs: Float[Array, "B I"], policy: Int[Array, " B"], config: ValueConfig
+) -> Float[Array, " B"]:
+    """Values of `inputs`, I = O + A, under the rollout policies numbered `policy`, from 0."""
     features, head = _features_and_head(inputs, policy, config)
     every_head = jax.vmap(_network(config).apply, in_axes=(0, None))(params, features)[..., 0]
     return jnp.take_along_axis(every_head, head[None], axis=0)[0]
@@ -80,13 +83,13 @@ def predict(params: Params, inputs: jax.Array, policy: jax.Array, config: ValueC
 
 def update(
     state: ValueState,
-    inputs: jax.Array,
-    policy: jax.Array,
-    returns: jax.Array,
-    key: jax.Array,
+    inputs: Float[Array, "B I"],
+    policy: Int[Array, " B"],
+    returns: Float[Array, " B"],
+    key: PRNGKeyArray,
     config: ValueConfig,
 ) -> tuple[ValueState, Metrics]:
-    """Regression of `returns` `[B]` on `inputs` `[B, O + A]` and `policy` `[B]`. `key` is consumed.
+    """Regression of `returns` on `inputs`, I = O + A, and `policy`. `key` is consumed.
 
     Every network goes through all its own rows once an epoch, in minibatches of them alone; the last of an epoch may
     be smaller. A network whose policy has no row in the batch stays as it is, its optimiser too.
@@ -99,12 +102,16 @@ def update(
     features, head = _features_and_head(inputs, policy, config)
     plan = _plan(key, head, config)
 
-    def loss(params: Params, rows: jax.Array, weight: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def loss(
+        params: Params, rows: Int[Array, " M"], weight: Float[Array, " M"]
+    ) -> tuple[Float[Array, ""], Float[Array, ""]]:
         values = network.apply(params, features[rows])[..., 0]
         squared = jnp.sum(weight * (values - returns[rows]) ** 2)
         return squared / jnp.maximum(jnp.sum(weight), 1.0), squared
 
-    def step(carry: ValueState, batch: tuple[jax.Array, ...]) -> tuple[ValueState, jax.Array]:
+    def step(
+        carry: ValueState, batch: tuple[Int[Array, ""], Int[Array, " M"], Float[Array, " M"]]
+    ) -> tuple[ValueState, Float[Array, ""]]:
         which, rows, weight = batch
         own = jax.tree.map(lambda x: x[which], carry)
         gradient, squared = jax.grad(loss, has_aux=True)(own.params, rows, weight)
@@ -124,16 +131,18 @@ def update(
 
 
 def _features_and_head(
-    inputs: jax.Array, policy: jax.Array, config: ValueConfig
-) -> tuple[jax.Array, jax.Array]:
+    inputs: Float[Array, "B I"], policy: Int[Array, " B"], config: ValueConfig
+) -> tuple[Float[Array, "B F"], Int[Array, " B"]]:
     if config.heads == "separate":
         return inputs, policy
     one_hot = jax.nn.one_hot(policy, config.policies)
     return jnp.concatenate([inputs, one_hot], axis=-1), jnp.zeros_like(policy)
 
 
-def _plan(key: jax.Array, head: jax.Array, config: ValueConfig) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Minibatches of all epochs, `(network [S], rows [S, M], weight [S, M])`, shuffled anew every epoch.
+def _plan(
+    key: PRNGKeyArray, head: Int[Array, " B"], config: ValueConfig
+) -> tuple[Int[Array, " S"], Int[Array, "S M"], Float[Array, "S M"]]:
+    """S minibatches of all epochs, `(network, rows, weight)`, shuffled anew every epoch.
 
     How many rows a network has is not known when the program is compiled. So an epoch has as many steps as any
     division of the rows needs, and the networks take their minibatches one after the other; weight 0 marks what is
@@ -152,7 +161,7 @@ def _plan(key: jax.Array, head: jax.Array, config: ValueConfig) -> tuple[jax.Arr
     weight = (place < rows_of[which][:, None]).astype(jnp.float32)
     position = jnp.minimum(first_row[which][:, None] + place, size - 1)
 
-    def epoch(epoch_key: jax.Array) -> jax.Array:
+    def epoch(epoch_key: PRNGKeyArray) -> Int[Array, "steps M"]:
         # The rows of network 0, then those of network 1, ..., each in random order.
         order = jnp.argsort(head + 0.5 * jax.random.uniform(epoch_key, (size,)))
         return order[position]

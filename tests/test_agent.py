@@ -165,7 +165,7 @@ def test_evaluate_is_a_plain_loop_over_episodes(stochastic):
 
 
 def test_evaluate_counts_nothing_beyond_the_end_of_an_episode():
-    actor = agent.sac.init(jax.random.key(0), 2, 1, [2.0], CONFIG.sac).actor
+    actor = agent.sac.init(jax.random.key(0), 2, 1, jnp.array([2.0]), CONFIG.sac).actor
     returns = jax.jit(lambda key: agent.evaluate(key, Counting(max_steps=10), actor, 20))(jax.random.key(0))
     # 1 + 2 + 3, or up to 5; one more step would add NaN.
     assert set(np.asarray(returns)) == {6.0, 15.0}

@@ -8,8 +8,8 @@ from scipy import stats
 
 from mpge_jax import distributions
 
-MEAN = np.array([[0.0, 1.0], [-2.0, 0.5]], np.float32)
-LOG_STD = np.array([[0.0, -1.0], [0.5, 0.25]], np.float32)
+MEAN = jnp.array([[0.0, 1.0], [-2.0, 0.5]])
+LOG_STD = jnp.array([[0.0, -1.0], [0.5, 0.25]])
 
 
 def test_log_prob_by_hand():
@@ -19,7 +19,7 @@ def test_log_prob_by_hand():
 
 
 def test_log_prob_and_entropy_against_scipy():
-    x = np.array([[0.3, -0.7], [1.0, 2.0]], np.float32)
+    x = jnp.array([[0.3, -0.7], [1.0, 2.0]])
     normal = stats.norm(MEAN, np.exp(LOG_STD))
     log_prob = distributions.gaussian_log_prob(x, MEAN, LOG_STD)
     np.testing.assert_allclose(log_prob, normal.logpdf(x).sum(axis=-1), rtol=1e-5)
@@ -54,8 +54,7 @@ def test_kl_agrees_with_samples():
 
 def test_tanh_log_prob_is_the_density_of_the_squashed_sample():
     # Change of variables: log p(y) = log N(atanh y) - log(1 - y^2), summed.
-    mean, log_std = jnp.asarray(MEAN), jnp.asarray(LOG_STD)
-    action, log_prob, pre_tanh = distributions.tanh_gaussian_sample(jax.random.key(1), mean, log_std)
+    action, log_prob, pre_tanh = distributions.tanh_gaussian_sample(jax.random.key(1), MEAN, LOG_STD)
     np.testing.assert_allclose(action, np.tanh(pre_tanh), rtol=1e-6)
     expected = stats.norm(MEAN, np.exp(LOG_STD)).logpdf(pre_tanh) - np.log1p(-(np.tanh(pre_tanh) ** 2))
     np.testing.assert_allclose(log_prob, expected.sum(axis=-1), rtol=1e-4)

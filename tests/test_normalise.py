@@ -49,6 +49,7 @@ def test_floor_holds_for_a_constant_feature():
     np.testing.assert_allclose(normalise.normalise(stats, jnp.array([5.05, 3.0]), 0.1), [0.5, 0.5], atol=1e-5)
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("shape", [(3, 3), (0, 2), (2,), (4, 3, 2)])
 def test_wrong_shapes_are_refused(shape):
     with pytest.raises(ValueError, match=r"expected rows of shape \[B > 0, 2\]"):

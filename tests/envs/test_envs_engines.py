@@ -182,14 +182,19 @@ def test_the_c_engine_does_not_wait_for_its_own_thread():
     assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
 
 
+# In its last call `run` waits for a matrix that is still being multiplied, and the program for nothing.
 LEAVING = """
 import jax
 import jax.numpy as jnp
 import envs
 env = envs.make("HalfCheetah", "c")
 step = jax.vmap(env.step)
-run = jax.jit(lambda state: jax.lax.scan(lambda s, _: (step(s, jnp.zeros((100, 6))), None), state, None, 200)[0])
-state = run(jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), 100)))
+run = jax.jit(lambda state: jax.lax.scan(lambda s, _: (step(s, jnp.zeros((100, 6))), None), state, None, 20)[0])
+state = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), 100))
+ones = jnp.ones((2000, 2000))
+for _ in range(3):
+    late = ones @ ones
+    state = run(state.replace(data=state.data.replace(qpos=state.data.qpos + 0 * late[0, 0])))
 """
 
 
