@@ -322,7 +322,9 @@ class TestBadInput:
 
     def test_policy_of_another_size(self):
         policy = sac.init(jax.random.key(0), 3, 2, jnp.ones(2), SMALL)
-        with pytest.raises(ValueError, match=r"have hidden layers \(8, 8\), the configuration wants \(256, 256\)"):
+        with pytest.raises(
+            ValueError, match=r"have hidden layers \(8, 8\), the configuration wants \(256, 256\)"
+        ):
             sac.warm_start(policy.actor, policy.critic, policy.log_alpha, SACConfig())
 
     def test_reward_column(self):
