@@ -27,36 +27,27 @@ def flat(transformers) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def members():
-    """Five members: the first, and one each with another key, another log, other policies, and nothing else."""
+    """Five members: one with another key, one with another log, one with other policies, and one with all three."""
     keys = jax.random.wrap_key_data(
-        jnp.stack([jax.random.key_data(jax.random.key(i)) for i in (0, 1, 0, 0, 0)])
+        jnp.stack([jax.random.key_data(jax.random.key(i)) for i in (0, 1, 0, 0, 1)])
     )
-    logs = small.stacked(*(points.log(seed) for seed in (0, 0, 1, 0, 0)))
-    policies = small.stacked(*(points.policies(offset) for offset in (0.0, 0.0, 0.0, 0.2, 0.0)))
+    logs = small.stacked(*(points.log(seed) for seed in (0, 0, 1, 0, 1)))
+    policies = small.stacked(*(points.policies(offset) for offset in (0.0, 0.0, 0.0, 0.2, 0.2)))
     return ground(policies, logs, keys=keys)[0]
 
 
 def test_a_key_a_log_and_policies_each_make_a_difference(members):
     params = flat(members)
-    for other in (1, 2, 3):
-        assert np.abs(params[0] - params[other]).max() > 1e-3
-    np.testing.assert_allclose(params[0], params[4], atol=1e-6)
+    apart = np.abs(params[:, None] - params[None]).max(axis=-1)
+    assert apart[~np.eye(5, dtype=bool)].min() > 1e-3
 
 
-@pytest.mark.parametrize("member", [1, 2, 3])
-def test_a_member_is_the_run_alone(members, member):
-    key = jax.random.key(1 if member == 1 else 0)
+def test_a_member_is_the_run_alone(members):
     alone, _ = mpge_jax.ground(
-        points.SOURCE,
-        points.policies(0.2 if member == 3 else 0.0),
-        points.log(1 if member == 2 else 0),
-        points.CONFIG,
-        key,
-        quiet=True,
+        points.SOURCE, points.policies(0.2), points.log(1), points.CONFIG, jax.random.key(1), quiet=True
     )
-    np.testing.assert_allclose(
-        flat(jax.tree.map(lambda x: x[None], alone))[0], flat(members)[member], rtol=2e-3, atol=2e-4
-    )
+    found = flat(jax.tree.map(lambda x: x[None], alone))[0]
+    np.testing.assert_allclose(found, flat(members)[4], rtol=2e-3, atol=2e-4)
 
 
 SHARDED = """
@@ -69,15 +60,11 @@ keys = jax.random.split(jax.random.key(0), 4)
 logs = small.stacked(*(points.log(seed) for seed in range(4)))
 policies = small.stacked(*[points.policies()] * 4)
 one, curve = ground(policies, logs, keys=keys)
-for shape, bound in (((4, 1), 1e-6), ((1, 4), 2e-3), ((2, 2), 2e-3)):
-    mesh = sharding.mesh(*shape)
-    many, other = ground(policies, logs, keys=keys, mesh=mesh)
-    used = {d for x in jax.tree.leaves(many.params) for d in x.sharding.device_set}
-    assert len(used) == 4, used
-    apart = np.abs(flat(one) - flat(many)).max()
-    print(shape, apart)
-    assert apart <= bound, (shape, apart)
-    np.testing.assert_allclose(curve["reward"], other["reward"], rtol=1e-3, atol=1e-3)
+many, other = ground(policies, logs, keys=keys, mesh=sharding.mesh(2, 2))
+used = {d for x in jax.tree.leaves(many.params) for d in x.sharding.device_set}
+assert len(used) == 4, used
+np.testing.assert_allclose(flat(one), flat(many), atol=2e-3)
+np.testing.assert_allclose(curve["reward"], other["reward"], rtol=1e-3, atol=1e-3)
 """
 
 

@@ -30,10 +30,10 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="module", params=CASES.values(), ids=list(CASES))
+@pytest.fixture(scope="module", params=["paper", "release", "ppo", "vine"])
 def one(request):
     """An update taken apart: state, next state, rows, what the learner was handed, rewards before and after D's."""
-    config = request.param
+    config = CASES[request.param]
     learner = LEARNERS["ppo" if isinstance(config.policy, PPOConfig) else "trpo"]
     policies, log = points.policies(), points.log()
     patch = pytest.MonkeyPatch()
