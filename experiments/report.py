@@ -22,7 +22,7 @@ _COLOURS = {
     "MPG-ER": "#CC79A7",
     "MPGE-MS": "#0072B2",
     "MPGE-ER": "#D55E00",
-    "Vine": "#F0E442",
+    "Vine": "#000000",
     "GAT": "#999999",
     "MPGE+": "#009E73",
 }
