@@ -1,6 +1,7 @@
 """The agent's loop, in an environment whose every number is known beforehand."""
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -122,6 +123,21 @@ def test_learning_has_begun_and_is_decided_by_the_key(trained):
     jax.tree.map(np.testing.assert_array_equal, again(jax.random.key(0)).buffer, first.buffer)
 
 
+def test_alternating_is_one_short_iteration_after_the_other(trained):
+    first, _, _ = trained
+    both = dataclasses.replace(CONFIG, alternations=2)
+    half = dataclasses.replace(CONFIG, steps_per_iteration=5, updates_per_iteration=1)
+    found, metrics = jax.jit(lambda state: agent.iterate(state, Counting(), both))(first)
+    step = jax.jit(lambda state: agent.iterate(state, Counting(), half))
+    middle, one = step(first)
+    expected, other = step(middle)
+    compare = partial(np.testing.assert_allclose, rtol=1e-5, atol=1e-6)
+    jax.tree.map(compare, found.learner, expected.learner)
+    np.testing.assert_array_equal(found.buffer.size, 24 + 40)
+    compare(found.buffer.rows, expected.buffer.rows)
+    compare(metrics["critic_loss"], (one["critic_loss"] + other["critic_loss"]) / 2)
+
+
 def test_a_given_learner_is_gone_on_from():
     learner = small.policy_set().learner(0, small.SAC)
     config = dataclasses.replace(CONFIG, sac=small.SAC)
@@ -176,6 +192,8 @@ def test_evaluate_counts_nothing_beyond_the_end_of_an_episode():
     [
         ({"num_envs": 0}, "num_envs must be at least 1, got 0"),
         ({"random_steps": 0}, "random_steps must be at least 1"),
+        ({"alternations": 0}, "alternations must be at least 1"),
+        ({"alternations": 3}, "steps_per_iteration of 10 cannot be divided into 3 alternations"),
         ({"buffer_capacity": 39}, "buffer_capacity of 39 does not hold the 40 transitions"),
         # 41 random steps are taken as 11 rounds of 4.
         (
