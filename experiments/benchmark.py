@@ -29,7 +29,6 @@ import envs
 from envs.tasks import gymnasium_spec
 from experiments.storage import versions
 from mpge_jax import buffer, collect, files, grounding, policies, sac, target_log, transformer, trpo, value
-from mpge_jax.discriminator import Transitions
 from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.policy_gradient import PolicyBatch
 from mpge_jax.sac import SACConfig
@@ -211,9 +210,8 @@ def measure_stage(stage: str, members: int, config: GroundingConfig, seconds: fl
             begun = state.env_state, state.rollout_policy
             return collect.collect(key, state.current, begun, source, rollout, log, config)
         if stage == "discriminator":
-            seen = Transitions(rows.observation, rows.action, rows.next_observation, rows.expected)
             return grounding._update_discriminator(
-                key, state.discriminator, seen, rows.rollout_policy, log, state.expected, config
+                key, state.discriminator, rows.transitions, rows.rollout_policy, log, state.expected, config
             )
         inputs = transformer.network_inputs(state.transformer, rows.observation, rows.action)
         # Any numbers will do for rewards: the work is the same.

@@ -12,11 +12,11 @@ from typing import Annotated, Any
 
 import tyro
 
-from experiments.presets import PRESETS, Preset, TaskSettings
+from experiments.presets import PAPER, PRESETS, Preset, TaskSettings
 from mpge_jax import files
 from mpge_jax.trpo import TRPOConfig
 
-TASKS = ("InvertedPendulum", "Hopper", "HalfCheetah")
+TASKS = tuple(PAPER.tasks)
 
 Read = Callable[[Preset, TaskSettings], Any]
 

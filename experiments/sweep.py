@@ -93,7 +93,8 @@ def sweep(args: Args) -> int:
     """Runs every cell that has no result yet; returns the number of cells that failed."""
     console = Console(stderr=True)
     cells, preset = cells_of(args)
-    settings = preset.tasks[envs.source_of(args.task)]
+    source = envs.source_of(args.task)
+    settings = preset.tasks[source]
     out = args.out or Path("results") / f"{args.task}-{args.preset}"
     identity = plain(
         {
@@ -107,7 +108,6 @@ def sweep(args: Args) -> int:
     folder = SweepFolder(out, identity)
     console.print(f"{args.task}, preset {preset.name}, seeds {args.seeds}, results in {out}")
     console.print(pprint.pformat(settings, width=110), highlight=False)
-    source = envs.source_of(args.task)
     steps = {
         name: config.simulator_steps
         for name, method in METHODS.items()

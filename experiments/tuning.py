@@ -175,9 +175,9 @@ def run(task: str, candidate: Candidate) -> dict[str, Any]:
     """Errors of a candidate at a quarter, half and the end of its run, `[SEEDS]` each."""
     target, source = envs.make(task), envs.make(envs.source_of(task))
     config = candidate.change(base(source.name))
-    chosen, _ = policies.shipped(source.name, "MS")
+    rollout = policies.shipped(source.name, "MS")[0].rollout
     keys = jax.random.split(jax.random.key(0), SEEDS)
-    sets = jax.tree.map(lambda x: jnp.stack([x] * SEEDS), chosen.rollout)
+    sets = jax.tree.map(lambda x: jnp.stack([x] * SEEDS), rollout)
     logs = jax.vmap(lambda key, one: target_log.collect(key, target, one, SAMPLES))(keys, sets)
     started = time.monotonic()
     _, curve = ensemble.ground_ensemble(

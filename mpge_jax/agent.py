@@ -59,12 +59,16 @@ class AgentConfig:
                 raise ValueError(
                     f"{name} of {getattr(self, name)} cannot be divided into {self.alternations} alternations."
                 )
-        random_steps = -(-self.random_steps // self.num_envs) * self.num_envs
-        needed = max(random_steps, self.num_envs * self.steps_per_iteration)
+        needed = max(self.random_rounds * self.num_envs, self.num_envs * self.steps_per_iteration)
         if self.buffer_capacity < needed:
             raise ValueError(
                 f"buffer_capacity of {self.buffer_capacity} does not hold the {needed} transitions of one collection."
             )
+
+    @property
+    def random_rounds(self) -> int:
+        """Rounds of all environments that make at least `random_steps`."""
+        return -(-self.random_steps // self.num_envs)
 
     @property
     def env_steps_per_iteration(self) -> int:
@@ -72,8 +76,7 @@ class AgentConfig:
 
     def env_steps(self, iterations: int) -> int:
         """Environment steps of a training of so many iterations, the random ones included."""
-        random_steps = -(-self.random_steps // self.num_envs) * self.num_envs
-        return random_steps + iterations * self.env_steps_per_iteration
+        return self.random_rounds * self.num_envs + iterations * self.env_steps_per_iteration
 
 
 class AgentState(flax.struct.PyTreeNode):
@@ -118,8 +121,7 @@ def init(
     def random_action(obs: Float[Array, "E O"], key: PRNGKeyArray) -> Float[Array, "E A"]:
         return jax.random.uniform(key, (obs.shape[0], env.action_size), obs.dtype, low, high)
 
-    steps = -(-config.random_steps // config.num_envs)
-    return _collect(state, env, random_action, key_random, steps, bonus)
+    return _collect(state, env, random_action, key_random, config.random_rounds, bonus)
 
 
 def iterate(

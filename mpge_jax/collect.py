@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from envs import Env, State, select
 from mpge_jax import transformer
+from mpge_jax.discriminator import Transitions
 from mpge_jax.grounding_config import GroundingConfig
 from mpge_jax.rollout import RolloutPolicies
 from mpge_jax.target_log import TargetLog
@@ -36,6 +37,11 @@ class Rows(flax.struct.PyTreeNode):
     log_prob: Float[Array, "*n"]
     rollout_policy: Int[Array, "*n"]
     expected: Float[Array, "*n O"] | None
+
+    @property
+    def transitions(self) -> Transitions:
+        """What the discriminator sees of them."""
+        return Transitions(self.observation, self.action, self.next_observation, self.expected)
 
 
 def collect(

@@ -128,7 +128,7 @@ def update(
     (env_state, rollout_policy), rows = collect.collect(
         key_collect, state.current, (state.env_state, state.rollout_policy), env, policies, log, config
     )
-    grounded = Transitions(rows.observation, rows.action, rows.next_observation, rows.expected)
+    grounded = rows.transitions
     learned, d_metrics = _update_discriminator(
         key_d, state.discriminator, grounded, rows.rollout_policy, log, state.expected, config
     )

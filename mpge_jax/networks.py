@@ -28,6 +28,12 @@ def orthogonal(gain: float) -> Initializer:
     return init
 
 
+def widths(params: Any) -> tuple[int, ...]:
+    """Outputs of every layer of an `MLP` with these parameters, of all of a stack `[..., in, out]` alike."""
+    layers = params["params"]
+    return tuple(layers[f"Dense_{i}"]["bias"].shape[-1] for i in range(len(layers)))
+
+
 class MLP(nn.Module):
     """A multi-layer perceptron, `[..., in] -> [..., sizes[-1]]`, linear at its last layer.
 

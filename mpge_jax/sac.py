@@ -31,7 +31,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, PRNGKeyArray
 from mpge_jax import buffer as replay
 from mpge_jax.buffer import ReplayBuffer, Transition
 from mpge_jax.distributions import gaussian_entropy, tanh_gaussian_sample
-from mpge_jax.networks import MLP
+from mpge_jax.networks import MLP, widths
 from mpge_jax.policy_gradient import Metrics
 
 LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
@@ -95,8 +95,7 @@ class Actor(struct.PyTreeNode):
     @property
     def hidden(self) -> tuple[int, ...]:
         """Widths of the hidden layers."""
-        layers = self.params["params"]
-        return tuple(layers[f"Dense_{i}"]["bias"].shape[-1] for i in range(len(layers) - 1))
+        return widths(self.params)[:-1]
 
 
 class SACState(struct.PyTreeNode):

@@ -13,7 +13,7 @@ from flax import struct
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from mpge_jax.distributions import gaussian_log_prob, gaussian_sample
-from mpge_jax.networks import MLP, orthogonal
+from mpge_jax.networks import MLP, orthogonal, widths
 from mpge_jax.policy_gradient import Params
 
 
@@ -86,9 +86,7 @@ def network_inputs(
 
 def apply(params: Params, inputs: Float[Array, "*n I"]) -> tuple[Float[Array, "*n A"], Float[Array, "*n A"]]:
     """`(mean, log_std)` of delta: the `distribution` for `trpo.update` and `ppo.update`."""
-    layers = params["mean"]["params"]
-    sizes = tuple(layers[f"Dense_{i}"]["bias"].shape[-1] for i in range(len(layers)))
-    mean = _network(sizes).apply(params["mean"], inputs)
+    mean = _network(widths(params["mean"])).apply(params["mean"], inputs)
     return mean, jnp.broadcast_to(params["log_std"], mean.shape)
 
 

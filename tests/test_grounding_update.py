@@ -101,7 +101,6 @@ def test_the_advantage_is_the_reward_less_its_baseline(one):
     # A draw that is judged better than its siblings has the higher advantage.
     best = draws.argmax(axis=1)
     np.testing.assert_array_equal(found.reshape(draws.shape).argmax(axis=1), best)
-    # The values have no part in it, and are left alone.
 
 
 def test_the_values_learn_only_where_they_are_the_baseline(one):
