@@ -43,8 +43,12 @@ def standardise(advantages: Float[Array, " B"]) -> Float[Array, " B"]:
 
     Called once an update, over the whole batch, by `trpo.update` and `ppo.update`, and nowhere else.
     """
-    centred = advantages - advantages.mean()
-    return centred / (jnp.sqrt(jnp.mean(centred**2)) + 1e-8)
+    mean = advantages.mean()
+    centred = advantages - mean
+    spread = jnp.sqrt(jnp.mean(centred**2))
+    # The mean of equal numbers need not be exactly that number: its rounding would be taken for advantages of 1.
+    rounding = 8 * jnp.finfo(advantages.dtype).eps * jnp.abs(mean)
+    return jnp.where(spread <= rounding, jnp.zeros_like(centred), centred / (spread + 1e-8))
 
 
 def minibatch_indices(

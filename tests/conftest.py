@@ -1,9 +1,11 @@
 """Strict numerics and shapes for the whole suite; warnings are errors by pyproject.toml."""
 
 import os
+import tempfile
 
-# Nearly all the time of the tests is compilation of programs that run once: LLVM optimises none of them. Before JAX.
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+# Nearly all the time of the tests is compilation of programs that run once: LLVM optimises none of them, and XLA's
+# older, plainer code is compiled twice as fast as that of its fusion emitters. Before JAX.
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
 
 import jax
 import jaxtyping
@@ -17,6 +19,12 @@ jaxtyping.install_import_hook(shape_checks.MODULES, "tests.shape_checks.check")
 
 # A [B] reward broadcast against a [B, 1] value is a bug that trains: it must fail, not broadcast.
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# A program that several tests compile is compiled once a process. For this run alone: a file half written is no entry.
+_compiled = tempfile.TemporaryDirectory(prefix="jax-programs-", ignore_cleanup_errors=True)
+jax.config.update("jax_compilation_cache_dir", _compiled.name)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.03)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 # MuJoCo's warnings go to the console, where pytest captures them, and to no file in the working folder.
 _log = mujoco.MjLogConfig.get()

@@ -395,7 +395,7 @@ def environment(tree: Path) -> dict[str, str]:
     return {
         **os.environ,
         "JAX_PLATFORMS": "cpu",
-        "XLA_FLAGS": "--xla_backend_optimization_level=0",
+        "XLA_FLAGS": "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false",
         "PYTHONDONTWRITEBYTECODE": "1",
         "PYTHONPATH": str(tree),
     }

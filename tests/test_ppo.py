@@ -95,6 +95,14 @@ def test_vmap_equals_separate_runs():
     jax.tree.map(compare, together, jax.tree.map(lambda *x: np.stack(x), *alone))
 
 
+def test_equal_advantages_are_none_however_their_mean_is_rounded():
+    """An accelerator sums in another order than the next; 0.1 has no exact mean in float32."""
+    nearly = jnp.full(3, 0.1, jnp.float32).at[0].add(jnp.finfo(jnp.float32).eps * 0.1)
+    np.testing.assert_array_equal(standardise(nearly), np.zeros(3))
+    small = jnp.array([1e-6, -1e-6], jnp.float32)
+    np.testing.assert_allclose(standardise(small), [1.0, -1.0], rtol=0.02)
+
+
 def test_standardise_by_hand():
     # Mean 3, population standard deviation 2.
     np.testing.assert_allclose(
