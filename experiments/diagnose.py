@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from mpge_jax.diagnosis import Config, InputError, diagnose
-from mpge_jax.diagnosis.mapping import load
-from mpge_jax.diagnosis.vocabulary import vocabulary_table
+from mpge_jax.diagnosis.recordings.column_map import load
+from mpge_jax.diagnosis.report.effect_table import vocabulary_table
 
 
 class _ListEffects(argparse.Action):

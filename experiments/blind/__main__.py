@@ -27,7 +27,7 @@ from experiments.blind.build import Counts as CaseCounts
 from experiments.blind.build import build
 from experiments.blind.case import Unfit
 from experiments.blind.run import run_all
-from experiments.blind.score import put_into, write_score
+from experiments.blind.scoring.score import put_into, write_score
 
 
 @dataclass(frozen=True)

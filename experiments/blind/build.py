@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from experiments.blind.case import Bench, Unfit, answer, draw_visible
-from experiments.blind.machine import Machine, Plan, write_recording
-from experiments.blind.models import ROBOTS, Robot
-from experiments.blind.physics import UNKNOWN
-from experiments.blind.plant import Unstable
-from experiments.blind.sensors import draw_sensors
+from experiments.blind.robots.models import ROBOTS, Robot
+from experiments.blind.truth.machine import Machine, Plan, write_recording
+from experiments.blind.truth.physics import UNKNOWN
+from experiments.blind.truth.plant import Unstable
+from experiments.blind.truth.sensors import draw_sensors
 from experiments.blind.vocabulary import ACTUATOR, DRY_FRICTION, PARAMETERS, SENSOR, TRANSMISSION, Effect
 
 KINDS = ("multisine", "chirp", "slow", "steps")

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from experiments.blind.draws import Place, draw
-from experiments.blind.equivalence import actuators, drive_train, twins_of
-from experiments.blind.machine import Machine
-from experiments.blind.plant import Unstable
-from experiments.blind.separability import distinct_share
-from experiments.blind.statistics import Statistics
+from experiments.blind.truth.machine import Machine
+from experiments.blind.truth.plant import Unstable
+from experiments.blind.visibility.equivalence import actuators, drive_train, twins_of
+from experiments.blind.visibility.separability import distinct_share
+from experiments.blind.visibility.statistics import Statistics
+from experiments.blind.visibility.windows import rms, window_errors
 from experiments.blind.vocabulary import Effect
-from experiments.blind.windows import rms, window_errors
 
 WEAKEST, STRONGEST = 12.0, 250.0  # window error over what noise and time step explain, at the worst joint
 DISTINCT = 4.0  # the part of it that no simpler effect can imitate

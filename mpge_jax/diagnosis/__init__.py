@@ -1,10 +1,11 @@
 """Mismatch diagnosis: what physics does a MuJoCo model lack, according to recordings of the real machine?"""
 
 from mpge_jax.diagnosis.config import Config
-from mpge_jax.diagnosis.diagnosis import Diagnosis, diagnose
+from mpge_jax.diagnosis.diagnosis import Diagnosis
 from mpge_jax.diagnosis.effects import REGISTRY, VOCABULARY, Effect, register
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.recording import Recording
+from mpge_jax.diagnosis.pipeline import diagnose
+from mpge_jax.diagnosis.recordings.recording import Recording
 
 __all__ = [
     "REGISTRY",

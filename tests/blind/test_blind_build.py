@@ -12,11 +12,11 @@ import pytest
 
 import experiments.blind as package
 from experiments.blind.build import Counts, Wish, build, build_case, wishes
-from experiments.blind.excitation import KINDS, reference
-from experiments.blind.models import ROBOTS
-from experiments.blind.physics import INSTALL, UNKNOWN
+from experiments.blind.robots.models import ROBOTS
 from experiments.blind.run import run_all
-from experiments.blind.sensors import Sensors, draw_sensors
+from experiments.blind.truth.excitation import KINDS, reference
+from experiments.blind.truth.physics import INSTALL, UNKNOWN
+from experiments.blind.truth.sensors import Sensors, draw_sensors
 from experiments.blind.vocabulary import PARAMETERS
 
 SOURCES = sorted(Path(package.__file__).parent.rglob("*.py"))

@@ -5,9 +5,9 @@ import math
 
 import pytest
 
-from experiments.blind.marks import judge
-from experiments.blind.parameters import compare
-from experiments.blind.score import BEGIN, END, load_marks, put_into, summary, write_score
+from experiments.blind.scoring.marks import judge
+from experiments.blind.scoring.parameters import compare
+from experiments.blind.scoring.score import BEGIN, END, load_marks, put_into, summary, write_score
 
 
 def hidden(*effects: dict, kind: str = "single", unknown: tuple[dict, ...] = (), **more) -> dict:

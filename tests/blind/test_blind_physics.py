@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from experiments.blind.physics import INSTALL, stages_of
-from experiments.blind.plant import Plant
-from experiments.blind.sensors import Sensors
-from experiments.blind.simulate import simulate
+from experiments.blind.truth.physics import INSTALL, stages_of
+from experiments.blind.truth.plant import Plant
+from experiments.blind.truth.sensors import Sensors
+from experiments.blind.truth.simulate import simulate
 from experiments.blind.vocabulary import PARAMETERS, Effect
 
 SLIDER = """

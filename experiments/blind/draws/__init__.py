@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from experiments.blind.draws import joint, other, unknown
 from experiments.blind.draws.place import Parameters, Place
-from experiments.blind.physics import UNKNOWN
+from experiments.blind.truth.physics import UNKNOWN
 from experiments.blind.vocabulary import PARAMETERS, Effect
 
 __all__ = ["DRAWS", "Place", "draw"]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.blind.robot import Robot
-from experiments.blind.statistics import Statistics
+from experiments.blind.robots.robot import Robot
+from experiments.blind.visibility.statistics import Statistics
 
 Parameters = dict[str, float | list[float]]
 

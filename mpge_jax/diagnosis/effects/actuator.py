@@ -10,7 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-from mpge_jax.diagnosis.model import has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.machine.model import has_plain_law, is_joint_transmission
 
 _AFFINE = int(mujoco.mjtBias.mjBIAS_AFFINE)
 _NO_BIAS = int(mujoco.mjtBias.mjBIAS_NONE)

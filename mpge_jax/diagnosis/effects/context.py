@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis import model as mj
-from mpge_jax.diagnosis.contacts import Pairs, allowed_pairs
+from mpge_jax.diagnosis.machine import model as mj
+from mpge_jax.diagnosis.machine.contact_pairs import Pairs, allowed_pairs
 
 
 @dataclass(frozen=True)

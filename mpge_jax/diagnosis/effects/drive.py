@@ -10,7 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-from mpge_jax.diagnosis.model import TAKEN, actuators_of_joint, has_plain_law, rotor_inertia, within
+from mpge_jax.diagnosis.machine.model import TAKEN, actuators_of_joint, has_plain_law, rotor_inertia, within
 
 SUBSTEPS = 4
 """Steps of the motor in one of the engine."""

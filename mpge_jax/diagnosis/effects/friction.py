@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, all_places, joint_unit
 from mpge_jax.diagnosis.effects.native import SpecFields
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-from mpge_jax.diagnosis.model import actuators_of_joint
+from mpge_jax.diagnosis.machine.model import actuators_of_joint
 
 SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)
 """Impedance of dry friction: 1 % of the mobility is left as regularisation."""

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, default_places, vector_params
 from mpge_jax.diagnosis.effects.native import SpecFields
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-from mpge_jax.diagnosis.model import moving_bodies
+from mpge_jax.diagnosis.machine.model import moving_bodies
 
 
 def perpendicular(vector: np.ndarray) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""Nominal machines: arms, legs, movers, and those of the paper."""

@@ -1,0 +1,1 @@
+"""Answers beside what a diagnosis said."""

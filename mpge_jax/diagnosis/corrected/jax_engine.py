@@ -1,0 +1,139 @@
+"""A corrected machine in JAX: MJX with the effects' own equations, behind the engine protocol of environments."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import flax.struct
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from envs._mjx import mjx, without_lapack
+from envs.mjx_engine import check_computed
+from mpge_jax.diagnosis.simulation import single_step
+from mpge_jax.diagnosis.simulation.single_step import Machine
+
+
+@flax.struct.dataclass
+class CorrectedData:
+    """Physics state with the effects' memories.
+
+    Attributes:
+        inner: MJX data of the true state. qpos [nq], qvel [nv]: as measured. time: s.
+        commands, forces: memories of the effects. past: [H, nq + nv] positions and velocities of the last steps, newest
+            first.
+        started: whether the command memories hold real commands yet.
+    """
+
+    inner: Any
+    qpos: jax.Array
+    qvel: jax.Array
+    time: jax.Array
+    commands: Any
+    forces: Any
+    past: jax.Array
+    started: jax.Array
+
+
+class CorrectedEngine:
+    """`init` and `step` of a machine with effects; both are pure, for one machine; batch with `jax.vmap`.
+
+    Raises:
+        ValueError: the model uses something that MJX leaves out.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        check_computed(machine.model)
+        model = copy.copy(machine.model)
+        for dof in machine.dry_dofs():
+            # MJX decides once which joints have dry friction; a trace of it keeps the row
+            model.dof_frictionloss[dof] = max(float(model.dof_frictionloss[dof]), 1e-9)
+        self.machine = machine
+        self.model = model
+        self.mjx_model = mjx.put_model(model)
+        self._dt = float(model.opt.timestep)
+        delays = [delay for _, delay in machine.senses().values()]
+        self._history = int(np.ceil(max(delays, default=0.0) / self._dt)) + 2
+
+    def init(self, qpos: jax.Array, qvel: jax.Array) -> CorrectedData:
+        """State at rest of all memories."""
+        data = mjx.make_data(self.model).replace(qpos=jnp.asarray(qpos), qvel=jnp.asarray(qvel))
+        with jax.numpy_rank_promotion("allow"), without_lapack():
+            data = mjx.forward(self.mjx_model, data)
+        zero = jnp.zeros(self.model.nu, data.qpos.dtype)
+        commands = single_step.command_start(jnp, self.machine, zero, self._dt)
+        forces = single_step.force_start(jnp, self.machine, self._observe(data, zero))
+        past = jnp.tile(jnp.concatenate([data.qpos, data.qvel]), (self._history, 1))
+        return self._wrap(data, commands, forces, past, jnp.zeros((), bool))
+
+    def step(self, data: CorrectedData, ctrl: jax.Array, count: int) -> CorrectedData:
+        """`count` physics steps under `ctrl [nu]` held constant."""
+        fresh_commands = single_step.command_start(jnp, self.machine, ctrl, self._dt)
+        commands = jax.tree.map(
+            lambda new, old: jnp.where(data.started, old, new), fresh_commands, data.commands
+        )
+        reached, _ = single_step.command_step(jnp, self.machine, ctrl, commands, self._dt)
+        fresh_forces = single_step.force_start(jnp, self.machine, self._observe(data.inner, reached))
+        forces = jax.tree.map(lambda new, old: jnp.where(data.started, old, new), fresh_forces, data.forces)
+        start = (data.inner, commands, forces, data.past)
+        inner, commands, forces, past = jax.lax.fori_loop(0, count, lambda _, c: self._once(c, ctrl), start)
+        return self._wrap(inner, commands, forces, past, jnp.ones((), bool))
+
+    def _once(self, carry: tuple[Any, ...], ctrl: jax.Array) -> tuple[Any, ...]:
+        data, commands, forces, past = carry
+        reached, commands = single_step.command_step(jnp, self.machine, ctrl, commands, self._dt)
+        s = self._observe(data, reached)
+        applied, forces = single_step.force_step(jnp, self.machine, s, forces)
+        model = self.mjx_model
+        if self.machine.dry_dofs():
+            model = model.replace(dof_frictionloss=applied.dry.astype(model.dof_frictionloss.dtype))
+        kind = data.qpos.dtype
+        data = data.replace(
+            ctrl=applied.ctrl.astype(kind), qfrc_applied=applied.qfrc.astype(kind),
+            xfrc_applied=applied.xfrc.astype(kind),
+        )  # fmt: skip
+        with jax.numpy_rank_promotion("allow"), without_lapack():  # MJX relies on the first
+            data = mjx.step(model, data)
+        past = jnp.concatenate([jnp.concatenate([data.qpos, data.qvel])[None], past[:-1]])
+        return data, commands, forces, past
+
+    def _observe(self, data: Any, ctrl: jax.Array) -> Any:
+        def body_velocity(body: int) -> jax.Array:
+            root = int(self.model.body_rootid[body])
+            arm = data.xipos[body] - data.subtree_com[root]
+            return data.cvel[body, 3:] + jnp.cross(data.cvel[body, :3], arm)
+
+        def inertia(dof: int) -> jax.Array:
+            unit = jnp.zeros(self.model.nv, data.qpos.dtype).at[dof].set(1.0)
+            return 1.0 / jnp.linalg.solve(mjx.full_m(self.mjx_model, data), unit)[dof]
+
+        return single_step.observe(
+            jnp,
+            self.machine,
+            data.qpos,
+            data.qvel,
+            ctrl,
+            body_velocity,
+            data.actuator_force,
+            self._dt,
+            data.qfrc_bias,
+            inertia,
+        )
+
+    def _wrap(
+        self, data: Any, commands: Any, forces: Any, past: jax.Array, started: jax.Array
+    ) -> CorrectedData:
+        qpos, qvel = data.qpos, data.qvel
+        for column, (offset, delay) in self.machine.senses().items():
+            qpos = qpos.at[column].set(self._before(past[:, column], delay) + offset)
+        for dof, delay in self.machine.late_speeds().items():
+            qvel = qvel.at[dof].set(self._before(past[:, self.model.nq + dof], delay))
+        return CorrectedData(data, qpos, qvel, data.time, commands, forces, past, started)
+
+    def _before(self, past: jax.Array, delay: float) -> jax.Array:
+        """What one of `past` [H] was `delay` seconds ago, between two steps."""
+        whole, part = divmod(delay / self._dt, 1.0)
+        k = int(whole)
+        return past[0] if delay <= 0 else (1 - part) * past[k] + part * past[min(k + 1, self._history - 1)]

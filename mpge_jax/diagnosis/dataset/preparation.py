@@ -1,0 +1,115 @@
+"""From a model and recordings to windows: everything before the search."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.dataset.coarse_sampling import (
+    as_large_as_motion,
+    bound,
+    holds_states,
+    is_coarse,
+    states_as_measured,
+)
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.candidates import all_terms
+from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.recordings.checks import (
+    check_base,
+    check_commands,
+    check_copies,
+    check_forces,
+    check_model,
+    check_motion,
+    told_once,
+)
+from mpge_jax.diagnosis.recordings.clock_stamps import at_their_stamps
+from mpge_jax.diagnosis.recordings.held_out_split import split
+from mpge_jax.diagnosis.recordings.noise_level import MIN_ROWS
+from mpge_jax.diagnosis.recordings.recording import Recording, rows_of
+from mpge_jax.diagnosis.recordings.states import MAX_ROWS, estimate
+from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
+from mpge_jax.diagnosis.simulation.force_between_rows import source_of
+from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force, measured_forces
+from mpge_jax.diagnosis.simulation.scales import build_context
+from mpge_jax.diagnosis.simulation.windows import choose_dt
+
+
+def _thin(recordings: list[Recording], warnings: list[str]) -> list[Recording]:
+    """Cut very long logs to evenly spread stretches."""
+    total = sum(r.time.size for r in recordings)
+    if total <= MAX_ROWS:
+        return recordings
+    warnings.append(
+        f"{total} rows are more than needed; evenly spread stretches of {MAX_ROWS} rows are used."
+    )
+    out = []
+    for r in recordings:
+        budget = max(int(MAX_ROWS * r.time.size / total), 50)
+        pieces = max(1, budget // 2000)
+        size = budget // pieces
+        starts = np.linspace(0, max(r.time.size - size, 0), pieces).astype(int)
+        for k, a in enumerate(starts):
+            rows = slice(int(a), int(a) + size)
+            out.append(rows_of(r, rows, r.name if pieces == 1 else f"{r.name}_{k}"))
+    return out
+
+
+def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
+    """Split, estimate noise and states, and set the scales.
+
+    Args:
+        source: path or MjSpec of the nominal model. recordings: already validated.
+    """
+    if not recordings:
+        raise InputError("no recording was given.")
+    spec = load_spec(source)
+    plain = compile_variable(spec)
+    names = names_of(plain)
+    warnings = told_once(recordings)
+    rng = np.random.default_rng(config.seed)
+    train, held, notes = split(recordings, config.held_out, rng)
+    warnings += notes
+    check_copies(train, held, warnings)
+    measured = measured_forces(recordings, plain)
+    check_commands(recordings, measured, names)
+    check_base(recordings, plain, names)
+    check_forces(recordings, measured, names, warnings)
+    model = compile_variable(drive_by_force(spec, measured))
+    train, held = _thin(train, warnings), _thin(held, warnings)
+    recorded = train + held
+    together, notes = at_their_stamps(recorded, plain, names)
+    warnings += notes
+    noise, states, notes = estimate(together, model, names, recorded)
+    warnings += notes
+    sources = tuple(source_of(r, s, plain, measured) for r, s in zip(together, states, strict=True))
+    train_sources, held_sources = sources[: len(train)], sources[len(train) :]
+    ctx = build_context(model, names, train_sources)
+    dt = choose_dt(together, float(plain.opt.timestep))
+    sim = Simulator(model, ctx, threads=config.jobs)
+    short, estimated = max(r.time.size for r in together) < MIN_ROWS, noise
+    whole = short and holds_states(together, model, noise)
+    if whole:
+        noise = as_large_as_motion(together, noise)
+    if whole or is_coarse(together, model, noise):
+        terms = [t for t in all_terms(ctx, config.effects) if not t.effect.senses]
+        noise = bound(sim, train_sources, noise, terms, dt, config.seed)
+        if noise.direct:
+            measured_states = states_as_measured(together, model, noise)
+            sources = tuple(replace(s, states=x) for s, x in zip(sources, measured_states, strict=True))
+            train_sources, held_sources = sources[: len(train)], sources[len(train) :]
+            ctx = build_context(model, names, train_sources)
+            sim = Simulator(model, ctx, threads=config.jobs)
+    if short and not noise.direct:
+        noise = estimated
+        warnings.append("recordings are too short to estimate noise; they are taken as nearly noise-free.")
+    check_motion(together, model, names, noise, warnings)
+    check_model(plain, names, warnings)
+    return Prepared(
+        spec, sim.model, names, sim.ctx, sim, noise, train_sources, held_sources, dt, measured, warnings, config,
+        float(plain.opt.timestep),
+    )  # fmt: skip

@@ -1,0 +1,96 @@
+"""What a search works on: the machine, its recordings with their states and noise, and windows of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.effects.base import Context
+from mpge_jax.diagnosis.machine.model import Names
+from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.simulation.actuator_state import settling
+from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
+from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.force_between_rows import Law, followed
+from mpge_jax.diagnosis.simulation.measured_drives import follows
+from mpge_jax.diagnosis.simulation.windows import MAX_SAMPLES, Windows, cut
+
+SPARSE = 0.2
+"""Time between rows, over the length of a window, beyond which windows last whole rows."""
+
+
+@dataclass
+class Prepared:
+    """Inputs of the search.
+
+    Attributes:
+        spec: the nominal description. model: its compiled form (mechanical side: driven by measured forces
+        where these exist). measured: [nu] whether an actuator's force was measured and commanded. known: [nu] whether
+        that force is its law's, without the noise of its measurement (None: of none).
+    """
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    names: Names
+    ctx: Context
+    sim: Simulator
+    noise: Noise
+    train_sources: tuple[Source, ...]
+    held_sources: tuple[Source, ...]
+    dt: float
+    measured: np.ndarray
+    warnings: list[str]
+    config: Config
+    timestep: float
+    known: np.ndarray | None = None
+
+    def windows(
+        self, held: bool, duration: float, limit: int, seed: int = 0, samples: int = MAX_SAMPLES
+    ) -> Windows:
+        """At most `limit` windows of at most `samples` rows, of `duration` s or shorter where recordings are."""
+        sources = self.held_sources if held else self.train_sources
+        lengths = [
+            s.recording.duration - settling(s, self.model) for s in self.train_sources + self.held_sources
+        ]
+        if self.ctx.period > SPARSE * duration:
+            duration = float(np.ceil(duration / self.ctx.period - 1e-6)) * self.ctx.period
+        # logs of short episodes: most of them must hold a window
+        duration = min(duration, max(float(np.quantile(lengths, 0.3)), float(np.median(lengths)) / 2))
+        # and at least one of either kind
+        trained = len(self.train_sources)
+        duration = min(
+            duration, max(lengths[:trained], default=duration), max(lengths[trained:], default=duration)
+        )
+        rng = np.random.default_rng([self.config.seed, int(held), seed])
+        return cut(sources, self.model, self.noise, duration, limit, self.dt, rng, samples)
+
+
+def with_drives(
+    p: Prepared,
+    plain: mujoco.MjModel,
+    moving: set[int],
+    law: Callable[[Source], Law],
+    age: dict[int, float] | None = None,
+) -> Prepared:
+    """The same with measured forces read as what was found of their drives makes of them.
+
+    Args:
+        plain: the nominal model. moving: actuators whose force is not held between rows, beside those that `follows`
+            knows. law: of all of them, for one recording. age: actuator -> `staleness` (s).
+    """
+    continuous = follows(plain)
+    continuous[list(moving)] = True
+    ages = np.array([(age or {}).get(a, 0.0) for a in range(plain.nu)])
+
+    def again(s: Source) -> Source:
+        return followed(s, plain, p.measured & continuous, law(s), ages)
+
+    return replace(
+        p,
+        train_sources=tuple(map(again, p.train_sources)),
+        held_sources=tuple(map(again, p.held_sources)),
+    )

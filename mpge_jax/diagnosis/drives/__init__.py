@@ -1,0 +1,1 @@
+"""The side between commands and measured forces."""

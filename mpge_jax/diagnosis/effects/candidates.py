@@ -1,0 +1,64 @@
+"""Which effects are tried where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from mpge_jax.diagnosis.effects.base import REGISTRY, Context
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.errors import InputError
+
+EXCLUSIVE = (
+    (
+        "coulomb_friction",
+        "stribeck_friction",
+        "load_dependent_friction",
+        "load_dependent_friction:gear",
+        "asymmetric_friction",
+    ),
+    ("viscous_damping", "viscous_damping:explicit"),
+    ("actuator_gain", "actuator_gain:limited", "dead_actuator"),
+    ("actuator_bias", "actuator_bias:limited", "actuator_bias:reclipped"),
+    ("actuator_deadzone", "actuator_deadzone:limited"),
+    ("backlash", "joint_flexibility"),
+)
+"""Effects of which a place has at most one."""
+
+
+def all_terms(
+    ctx: Context, ids: Iterable[str] | None = None, sides: Iterable[str] | None = None
+) -> list[Term]:
+    """Every effect at every place where it can act.
+
+    Raises:
+        InputError: an identifier is not in the registry.
+    """
+    chosen = list(REGISTRY) if ids is None else [r for i in ids for r in REGISTRY if r.partition(":")[0] == i]
+    known = [i for i in REGISTRY if ":" not in i]
+    unknown = [] if ids is None else [i for i in ids if i not in known]
+    if unknown:
+        raise InputError(f"unknown effect '{unknown[0]}'; known are {', '.join(known)}.")
+    wanted = None if sides is None else set(sides)
+    return [
+        Term(i, place)
+        for i in chosen
+        if wanted is None or REGISTRY[i].side in wanted
+        for place in REGISTRY[i].places(ctx)
+    ]
+
+
+def compatible(hypothesis: Hypothesis, term: Term) -> bool:
+    """Whether a term may join a hypothesis."""
+    for other in hypothesis.terms:
+        if other == term:
+            return False
+        if other.place != term.place:
+            # friction of the floor and of one geom overwrite each other
+            if other.id == term.id and {other.place.kind, term.place.kind} == {"world", "geom"}:
+                return False
+            continue
+        if any(other.id in group and term.id in group for group in EXCLUSIVE):
+            return False
+        if "dead_actuator" in (other.id, term.id) and term.place.kind == "actuator":
+            return False
+    return True

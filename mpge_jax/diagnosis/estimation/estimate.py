@@ -1,0 +1,61 @@
+"""A hypothesis with its parameters, and the weak prior that keeps those that the data do not determine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import Context, Param
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+
+Array = np.ndarray
+
+
+def nothing() -> Array:
+    return np.zeros((0, 0))
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A hypothesis with its parameters.
+
+    Attributes:
+        theta: [p]. centre: [p] centre of the weak prior. loss: mean robust loss over windows, prior included.
+        information: [p, p] of the data. cov: [p, p] covariance of theta that allows for misfit.
+        x: [W] relative chi^2 of each window.
+    """
+
+    hypothesis: Hypothesis
+    theta: Array
+    centre: Array
+    loss: float = np.inf
+    information: Array = field(default_factory=nothing)
+    cov: Array = field(default_factory=nothing)
+    x: Array = field(default_factory=lambda: np.zeros(0))
+
+    def directions(self, ctx: Context) -> int:
+        """Number of parameter combinations that the data identify better than their prior does."""
+        if not self.information.size or not self.theta.size:
+            return 0
+        scale = prior_widths(self.hypothesis.params(ctx))
+        values = np.linalg.eigvalsh(self.information * scale[:, None] * scale[None, :])
+        return int((values > 16.0).sum())
+
+
+NOTHING = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
+"""The nominal model."""
+
+
+def prior_widths(params: list[Param]) -> Array:
+    return np.array([p.prior or 30.0 * p.scale for p in params])
+
+
+def bounds(params: list[Param]) -> tuple[Array, Array]:
+    return np.array([p.low for p in params]), np.array([p.high for p in params])
+
+
+def prior_loss(params: list[Param], theta: Array, centre: Array, windows: int) -> float:
+    if not params:
+        return 0.0
+    return float((((theta - centre) / prior_widths(params)) ** 2).sum()) / max(windows, 1)

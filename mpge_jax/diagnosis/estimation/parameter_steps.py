@@ -1,0 +1,113 @@
+"""Where a fit goes next: damped Gauss-Newton steps inside the bounds, and points that slopes do not show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import Context, Param
+from mpge_jax.diagnosis.estimation.estimate import Fitted, bounds, nothing, prior_widths
+
+Array = np.ndarray
+FURTHER = (3.0, 8.0)
+"""Lengths of the further steps that are tried in machines with contacts, in units of the proposed one."""
+STEEP = 0.25
+"""Quantile of the windows' slopes (squared) as which steeper ones count, there."""
+
+
+@dataclass
+class Problem:
+    """One hypothesis during the fit.
+
+    Attributes:
+        offset: [W, N, 2 nv] residuals less those of semi-implicit steps, where those stand for costly ones.
+        stride: length of finite differences, in usual ones.
+    """
+
+    fit: Fitted
+    params: list[Param]
+    damping: float = 1e-3
+    whitened: Array = field(default_factory=nothing)
+    jacobian: Array = field(default_factory=nothing)
+    offset: Array = field(default_factory=nothing)
+    stride: float = 1.0
+    done: bool = False
+    small: int = 0
+
+    def steps(self) -> Array:
+        """Finite-difference steps [p] that stay inside the bounds."""
+        _, high = bounds(self.params)
+        scale = np.array([p.scale for p in self.params])
+        theta = self.fit.theta
+        h = self.stride * (0.02 * scale + 1e-4 * np.abs(theta))
+        return np.where(theta + h > high, -h, h)
+
+
+def proposals(p: Problem, ctx: Context) -> list[Array]:
+    """A full and a strongly damped step, inside the bounds; with contacts, also a full one that no few windows decide.
+
+    Through impacts slopes are steep and hold over next to nothing: windows with many would let no step be taken.
+    """
+    weight = 1.0 / (1.0 + p.fit.x / 5.0)
+    out = [_step(p, weight, damping) for damping in (p.damping, 100 * p.damping + 0.3)]
+    if ctx.contacts:
+        size = np.einsum("pwm,pwm,p->w", p.jacobian, p.jacobian, prior_widths(p.params) ** 2, optimize=True)
+        if (size > 0).any():
+            cap = np.quantile(size[size > 0], STEEP, method="lower")
+            out.append(_step(p, weight * cap / np.maximum(size, max(cap, 1e-300)), p.damping))
+    return [theta for theta in out if np.isfinite(theta).all()]
+
+
+def _step(p: Problem, weight: Array, damping: float) -> Array:
+    """The damped Gauss-Newton step from where `p` stands, with `weight` [W], inside the bounds: theta [p]."""
+    low, high = bounds(p.params)
+    widths = prior_widths(p.params)
+    j, r = p.jacobian, p.whitened
+    h = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)
+    g = np.einsum("w,pwm,wm->p", weight, j, r, optimize=True)
+    # the loss divides by the number of compared values, so its prior counts that often
+    per = float(np.mean((j.shape[-1],)))
+    h = h + np.diag(per / widths**2)
+    g = g + per * (p.fit.theta - p.fit.centre) / widths**2
+    diagonal = np.diag(h).copy()
+    diagonal[diagonal <= 0] = 1e-30
+    free = np.ones(len(p.params), bool)
+    theta = p.fit.theta
+    for _ in range(3):
+        index = np.flatnonzero(free)
+        if not index.size:
+            break
+        a = h[np.ix_(index, index)] + damping * np.diag(diagonal[index])
+        scale = 1.0 / np.sqrt(np.diag(a))
+        solution = (
+            np.linalg.lstsq(a * scale[:, None] * scale[None, :], g[index] * scale, rcond=1e-12)[0] * scale
+        )
+        trial = p.fit.theta.copy()
+        trial[index] -= solution
+        clipped = np.clip(trial, low, high)
+        blocked = (clipped != trial) & ((p.fit.theta == low) | (p.fit.theta == high)) & free
+        theta = clipped
+        if not blocked.any():
+            break
+        free &= ~blocked
+    return theta
+
+
+def beyond(p: Problem, theta: Array, ctx: Context) -> list[Array]:
+    """Further points in the direction of a proposal, where contacts make the linear model a short-sighted one: a few
+    windows with impacts have slopes so steep that they alone set the length of the step."""
+    low, high = bounds(p.params)
+    return [np.clip(p.fit.theta + k * (theta - p.fit.theta), low, high) for k in FURTHER if ctx.contacts]
+
+
+def without_slopes(p: Problem, ctx: Context) -> list[Array]:
+    """Proposals of the effects themselves, for parameters along which slopes say little."""
+    low, high = bounds(p.params)
+    out = []
+    for term, part in zip(p.fit.hypothesis.terms, p.fit.hypothesis.slices(ctx), strict=True):
+        for other in term.effect.detours(ctx, term.place, p.fit.theta[part]):
+            theta = p.fit.theta.copy()
+            theta[part] = other
+            out.append(np.clip(theta, low, high))
+    return out

@@ -1,0 +1,224 @@
+"""Screening: one linearised step for every effect at every place, checked by simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import Context, Place
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss
+from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, proposals
+from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
+from mpge_jax.diagnosis.simulation.batch_simulator import Near, Run, Simulator
+from mpge_jax.diagnosis.simulation.windows import Windows
+
+Array = np.ndarray
+
+
+ELABORATE = (
+    "stribeck_friction",
+    "load_dependent_friction",
+    "load_dependent_friction:gear",
+    "asymmetric_friction",
+)
+"""Laws of friction that contain plain ones as special cases."""
+WHERE_PLAIN_HELPS = (*ELABORATE, "viscous_damping:explicit")
+"""What is tried where a plain law of friction helps."""
+PLAIN = ("coulomb_friction", "viscous_damping", "quadratic_drag")
+PLACES = 3
+"""Places at which the elaborate laws are tried: where plain ones help most."""
+PROMISING = 0.01
+"""Share of the loss that a linearised step must promise to be simulated."""
+NEARER = 0.1
+"""How much nearer to nothing a start is taken that is worse than nothing."""
+NEARER_TIMES = 2
+"""How often that is done where there are contacts: through impacts only slight changes can be followed."""
+STARTS = 2
+"""Starting values of one term from which steps are simulated: those that promise most."""
+
+
+def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: Whitener) -> list[Fitted]:
+    """Best quick fit of `base` plus each term, lowest loss first.
+
+    Every start of every term is linearised once, with the base's parameters free, and two step lengths are
+    simulated where the linear model promises anything. The base's own Jacobian is shared by all. Elaborate laws of
+    friction, and second forms of plain ones, are tried where a plain one helps.
+    """
+    near = Near.to(sim, Run(base.hypothesis, base.theta), w)
+    own = _base_jacobian(near, base, white)
+    before = float(
+        robust_loss(white.excess(_whitened(near, [Run(base.hypothesis, base.theta)], white))).mean()
+    )
+    elaborate = [t for t in terms if t.id in WHERE_PLAIN_HELPS]
+    always = [t for t in terms if t.id not in WHERE_PLAIN_HELPS]
+    found = _quick_fits(near, base, always, white, own, before)
+    plain: dict[Place, float] = {}
+    dry: dict[Place, float] = {}
+    for f in found:
+        for t, theta in f.hypothesis.split(sim.ctx, f.theta).items():
+            if t.id in PLAIN and t not in base.hypothesis.terms:
+                plain[t.place] = min(plain.get(t.place, np.inf), f.loss)
+                if t.id == "coulomb_friction":
+                    dry[t.place] = float(theta[0])
+    limit = before - PROMISING * min(before, 3.0)
+    places = [q for q in sorted(plain, key=lambda q: plain[q]) if plain[q] < limit][:PLACES]
+    elaborate = [t for t in elaborate if t.place in places or t.place not in plain]
+    found += _quick_fits(near, base, elaborate, white, own, before, dry)
+    return sorted(found, key=lambda f: f.loss)
+
+
+def _quick_fits(
+    near: Near,
+    base: Fitted,
+    terms: list[Term],
+    white: Whitener,
+    own: dict[Term, Array],
+    before: float,
+    dry: dict[Place, float] | None = None,
+) -> list[Fitted]:
+    """The best quick fit of each term.
+
+    Args:
+        own: the base's Jacobian. before: the base's loss. dry: torque of plain dry friction by joint.
+    """
+    ctx, w = near.sim.ctx, near.w
+    problems = _starting_points(near, base, terms, white, before, dry or {})
+    runs: list[Run] = []
+    for term, p in problems:
+        part = _slice(ctx, p.fit.hypothesis, term)
+        steps = p.steps()
+        for i in range(part.start, part.stop):
+            moved = p.fit.theta.copy()
+            moved[i] += steps[i]
+            runs.append(Run(p.fit.hypothesis, moved))
+    flat = _whitened(near, runs, white)
+    k = 0
+    promised: dict[Term, list[tuple[float, int, list[Array]]]] = {}
+    for index, (term, p) in enumerate(problems):
+        hypothesis = p.fit.hypothesis
+        slices = dict(zip(hypothesis.terms, hypothesis.slices(ctx), strict=True))
+        part, steps = slices[term], p.steps()
+        jacobian = np.zeros((len(p.params), *p.whitened.shape), dtype=np.float32)
+        for other, columns in own.items():
+            jacobian[slices[other]] = columns
+        n = part.stop - part.start
+        jacobian[part] = (flat[k : k + n] - p.whitened) / steps[part, None, None]
+        k += n
+        p.jacobian = jacobian
+        if p.params:
+            steps_to = proposals(p, ctx)
+            promise = min((_promise(p, t, w, white) for t in steps_to), default=np.inf)
+            promised.setdefault(term, []).append((promise, index, steps_to))
+        p.jacobian = np.zeros((0, 0))
+    trials: list[tuple[int, Array]] = []
+    for term, entries in promised.items():
+        for promise, index, steps_to in sorted(entries, key=lambda e: e[0])[:STARTS]:
+            if term.effect.jagged or promise < before - PROMISING * min(before, 3.0):
+                further = [x for t in steps_to[:1] for x in beyond(problems[index][1], t, ctx)]
+                trials += [(index, t) for t in [*steps_to, *further]]
+    outcome = _whitened(near, [Run(problems[i][1].fit.hypothesis, t) for i, t in trials], white)
+    for (i, theta), r in zip(trials, outcome, strict=True):
+        p = problems[i][1]
+        x = white.excess(r)
+        loss = float(robust_loss(x).mean()) + prior_loss(p.params, theta, p.fit.centre, w.count)
+        if loss < p.fit.loss:
+            p.fit = replace(p.fit, theta=theta, loss=loss, x=x)
+    best: dict[Term, Fitted] = {}
+    for term, p in problems:
+        if term not in best or p.fit.loss < best[term].loss:
+            best[term] = p.fit
+    return list(best.values())
+
+
+def _slice(ctx: Context, hypothesis: Hypothesis, term: Term) -> slice:
+    return hypothesis.slices(ctx)[hypothesis.terms.index(term)]
+
+
+def _starting_points(
+    near: Near,
+    base: Fitted,
+    terms: list[Term],
+    white: Whitener,
+    before: float,
+    dry: dict[Place, float],
+) -> list[tuple[Term, Problem]]:
+    """Every start of every term, simulated, at the torque of plain dry friction (`dry`) if that is known.
+
+    A start that is worse than nothing, as its scale was guessed too large, gives way to one nearer to where the
+    effect vanishes if that is better.
+    """
+    ctx = near.sim.ctx
+    parts = base.hypothesis.split(ctx, base.theta)
+    problems: list[tuple[Term, Problem]] = []
+    for term in terms:
+        hypothesis = base.hypothesis.with_term(term)
+        for start in at_torque(term.effect.starts(ctx, term.place), term, ctx, dry.get(term.place, 0.0)):
+            theta = hypothesis.gather(ctx, {**parts, term: start})
+            problems.append((term, Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
+    _simulate([p for _, p in problems], near, white)
+    first = [p.fit.theta for _, p in problems]
+    for times in range(1, (NEARER_TIMES if ctx.contacts else 1) + 1):
+        smaller: list[tuple[Problem, Problem]] = []
+        for (term, p), start in zip(problems, first, strict=True):
+            naming = term.effect.naming(ctx, term.place)
+            if p.fit.loss < before + PROMISING * min(before, 3.0) or not naming:
+                continue
+            part = _slice(ctx, p.fit.hypothesis, term)
+            null, theta = term.effect.null(ctx, term.place), start.copy()
+            theta[part][naming] = null[naming] + NEARER**times * (start[part][naming] - null[naming])
+            smaller.append((p, Problem(Fitted(p.fit.hypothesis, theta, theta.copy()), p.params)))
+        _simulate([q for _, q in smaller], near, white)
+        for p, q in smaller:
+            if q.fit.loss < p.fit.loss:
+                p.fit, p.whitened = q.fit, q.whitened
+    return problems
+
+
+def at_torque(starts: Array, term: Term, ctx: Context, dry: float) -> Array:
+    """Starts [k, p] of a friction law with its torques as large as plain dry friction, of which it is a variant."""
+    torque = np.array([p.unit in ("N m", "N") for p in term.params(ctx)])
+    if dry <= 0.0 or not torque.any():
+        return starts
+    return np.where(torque, starts * dry / term.params(ctx)[0].scale, starts)
+
+
+def _simulate(problems: list[Problem], near: Near, white: Whitener) -> None:
+    flat = _whitened(near, [Run(p.fit.hypothesis, p.fit.theta) for p in problems], white)
+    for p, r in zip(problems, flat, strict=True):
+        x = white.excess(r)
+        p.whitened, p.fit = r, replace(p.fit, x=x, loss=float(robust_loss(x).mean()))
+
+
+def _promise(p: Problem, theta: Array, w: Windows, white: Whitener) -> float:
+    """The loss at `theta` if the prediction were linear."""
+    moved = p.whitened + np.tensordot((theta - p.fit.theta).astype(np.float32), p.jacobian, 1)
+    loss = float(robust_loss(white.excess(moved)).mean())
+    return loss + prior_loss(p.params, theta, p.fit.centre, w.count)
+
+
+def _whitened(near: Near, runs: list[Run], white: Whitener) -> Array:
+    """Whitened residuals [R, W, M] in single precision, made in pieces to save memory."""
+    out = np.empty((len(runs), near.w.count, white.seen.shape[1]), dtype=np.float32)
+    for a in range(0, len(runs), 64):
+        out[a : a + 64] = white(near.residuals(runs[a : a + 64]))
+    return out
+
+
+def _base_jacobian(near: Near, base: Fitted, white: Whitener) -> dict[Term, Array]:
+    if not base.theta.size:
+        return {}
+    p = Problem(base, base.hypothesis.params(near.sim.ctx))
+    steps = p.steps()
+    runs = [Run(base.hypothesis, base.theta)]
+    for i, h in enumerate(steps):
+        moved = base.theta.copy()
+        moved[i] += h
+        runs.append(Run(base.hypothesis, moved))
+    flat = _whitened(near, runs, white)
+    columns = (flat[1:] - flat[0]) / steps[:, None, None]
+    return {
+        t: columns[s]
+        for t, s in zip(base.hypothesis.terms, base.hypothesis.slices(near.sim.ctx), strict=True)
+    }

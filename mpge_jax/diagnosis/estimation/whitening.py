@@ -1,0 +1,222 @@
+"""Residuals in units of noise with the start state marginalised.
+
+A window's residual has covariance S = sigma^2 I + kappa^2 Phi P Phi^T + D D^T: measurement noise, the uncertain
+start state (Phi: sensitivity of the window to its start, P: the smoother's covariance) and nuisance directions D
+such as those of a finer timestep. Whitening multiplies by S^(-1/2), through a thin SVD per window.
+
+Where the hypothesis around which one whitens misses the data by more than noise, sigma is enlarged until its median
+window is ordinary (tempering): a model that is wrong by a hundred deviations says nothing at the scale of one, and
+the robust loss would no longer tell better from worse. As effects are found, sigma shrinks to the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.machine.joint_space import _parts
+from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
+from mpge_jax.diagnosis.simulation.windows import Windows
+
+Array = np.ndarray
+KAPPA = 5.0
+NUISANCE = 3.0
+STEP, LATE, INTEGRATOR, OLDER = "timestep", "late commands", "integrator", "older forces"
+"""What changes motion and is no physics (see `numerics`)."""
+INEXACT = 0.03
+"""Share of what the timestep changes that follows no direction: where drives saturate or
+starts are uncertain, it is not linear. It counts as noise."""
+_CAP = 1e8
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Whitens residuals of one set of windows.
+
+    Attributes:
+        scale: [2 nv] or [W, N, 2 nv] deviations of the noise, infinite for columns that are not compared.
+        basis: [W, M, k] orthonormal directions. shrink: [W, k]. seen: [W, M] mask.
+        count: [W] compared values. expected: [W] chi^2 over count when the hypothesis is true.
+        factor: by which tempering enlarged sigma (1: residuals are in units of the noise).
+        inexact: whether most of sigma is what the timestep leaves unknown, and not noise.
+        offset: [W, M] what leads from residuals of windows that start elsewhere than estimated back to those of the
+            estimate, by the slopes at where they start.
+    """
+
+    scale: Array
+    basis: Array
+    shrink: Array
+    seen: Array
+    count: Array
+    expected: Array
+    offset: Array
+    factor: float = 1.0
+    inexact: bool = False
+
+    def take(self, index: Array) -> Whitener:
+        keys = (
+            "basis",
+            "shrink",
+            "seen",
+            "count",
+            "expected",
+            "offset",
+            *(("scale",) if self.scale.ndim == 3 else ()),
+        )
+        return replace(self, **{k: getattr(self, k)[index] for k in keys})
+
+    def plain(self, residual: Array) -> Array:
+        """Residuals [..., W, N, 2 nv] in units of noise: [..., W, M], zero where unseen."""
+        r = residual / self.scale
+        r = np.where(np.isfinite(residual), r, 0.0)
+        r = np.clip(r, -_CAP, _CAP)
+        return r.reshape(*r.shape[:-2], r.shape[-2] * r.shape[-1]) + self.offset
+
+    def __call__(self, residual: Array) -> Array:
+        """Whitened residuals [..., W, M]."""
+        r = self.plain(residual)
+        inner = np.einsum("wmk,...wm->...wk", self.basis, r, optimize=True)
+        return r - np.einsum("wmk,...wk->...wm", self.basis, self.shrink * inner, optimize=True)
+
+    def excess(self, whitened: Array) -> Array:
+        """chi^2 of each window over what noise and start alone give: [..., W]."""
+        return (whitened**2).sum(-1) / self.count / self.expected
+
+    def by_dof(self, whitened: Array, nv: int) -> Array:
+        """`excess` of each degree of freedom by itself: [W, nv] from whitened residuals [W, M]."""
+        square, seen = (x.reshape(len(whitened), -1, nv).sum(1) for x in (whitened**2, self.seen))
+        return square / np.maximum(seen, 1) / self.expected[:, None]
+
+
+def column_scale(noise: Noise, model) -> Array:
+    """Noise deviations [2 nv] in joint space."""
+
+    scale = np.full(2 * model.nv, np.inf)
+    columns, dofs, quats = _parts(model)
+    scale[dofs] = noise.qpos[columns]
+    for q, v in quats:
+        scale[v : v + 3] = noise.angle(q)
+    scale[model.nv :] = noise.qvel
+    return scale
+
+
+def start_runs(hypothesis: Hypothesis, theta: Array, w: Windows) -> list[Run]:
+    """The nominal start and one run per column of the start's covariance root."""
+    nv = w.v0.shape[1]
+    runs = [Run(hypothesis, theta)]
+    for dof in range(nv):
+        for column in (0, 1):
+            shift = np.zeros((w.count, 2 * nv))
+            shift[:, dof] = w.root[:, dof, 0, column]
+            shift[:, nv + dof] = w.root[:, dof, 1, column]
+            runs.append(Run(hypothesis, theta, shift))
+    return runs
+
+
+def whitener(
+    sim: Simulator,
+    hypothesis: Hypothesis,
+    theta: Array,
+    w: Windows,
+    noise: Noise,
+    nuisance: dict[str, Array] | None = None,
+    temper: bool | float = True,
+) -> Whitener:
+    """Whitener of windows `w` around a hypothesis.
+
+    Args:
+        nuisance: `numerics`. temper: enlarge sigma to the hypothesis's own misfit, or by a known factor.
+    """
+    scale, inexact = column_scale(noise, sim.model), False
+    if nuisance:
+        change = np.nan_to_num(nuisance[STEP])
+        # where it crosses zero, what is unknown of it does not
+        change = np.maximum(np.abs(change), np.sqrt((change**2).mean(1, keepdims=True)))
+        unknown = INEXACT * change
+        compared = np.isfinite(nuisance[STEP]) & np.isfinite(scale)
+        inexact = bool(compared.any() and (unknown > scale)[compared].mean() > 0.5)
+        scale = np.hypot(scale, unknown)
+    res = sim.residuals(start_runs(hypothesis, theta, w), w)
+    base = res[0]
+    seen = np.isfinite(base) & np.isfinite(scale)
+    flat_seen = seen.reshape(w.count, -1)
+    count = np.maximum(flat_seen.sum(1), 1).astype(float)
+    columns = (res[1:] - base) / scale
+    columns = np.where(seen, columns, 0.0).reshape(len(res) - 1, w.count, -1)
+    columns = np.clip(columns, -_CAP, _CAP)
+    offset = -np.einsum("swm,ws->wm", columns, w.moved.reshape(w.count, -1))
+    stack = [KAPPA * columns]
+    if nuisance:
+        changes = (np.where(seen & np.isfinite(d), d / scale, 0.0) for d in nuisance.values())
+        extra = [x.reshape(1, w.count, -1) for x in changes]
+        stack += [NUISANCE * np.clip(e, -_CAP, _CAP) for e in extra]
+    u = np.moveaxis(np.concatenate(stack), 0, -1)
+    basis, singular, _ = np.linalg.svd(u, full_matrices=False)
+    bare = np.einsum("wmk,rwm->rwk", basis, columns, optimize=True)
+
+    def build(factor: float) -> Whitener:
+        s = singular / factor
+        shrink = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
+        # expected chi^2 with the true start covariance (kappa = 1): noise plus start through S^(-1)
+        gained = ((bare / factor) ** 2 / (1.0 + s**2)).sum((0, 2))
+        expected = (count - (s**2 / (1.0 + s**2)).sum(-1) + gained) / count
+        expected = np.maximum(expected, 0.05)
+        return Whitener(
+            scale * factor, basis, shrink, flat_seen, count, expected, offset / factor, factor, inexact
+        )
+
+    factor = 1.0 if isinstance(temper, bool) else temper
+    white = build(factor)
+    for _ in range(4 if temper is True else 0):
+        median = float(np.median(white.excess(white(base[None])))) if w.count else 1.0
+        # well below one, the noise was overestimated (fast motion logged at a low rate looks like noise)
+        if 0.5 <= median <= 1.2 or factor < 1e-3 or (inexact and median < 0.5):
+            break
+        factor *= float(np.sqrt(max(median, 1e-6)))
+        white = build(factor)
+    return white
+
+
+def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> dict[str, Array]:
+    """Changes of the residuals [W, N, 2 nv] by what is no physics.
+
+    STEP: the timestep is halved (of Runge-Kutta, which that does not change: replaced by semi-implicit steps of a
+    quarter). LATE: the commands act an eighth of a timestep later. INTEGRATOR: explicit steps are made implicit in the
+    velocity or the other way round (not of Runge-Kutta), which moves stiff servos and strong damping otherwise than a
+    timestep does. OLDER: servos' forces that act late do so by a tenth more.
+    """
+    run, kind = [Run(hypothesis, theta)], mujoco.mjtIntegrator
+    plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(w.dt / 8)))
+    steps = sim.model.opt.integrator
+    runge_kutta, euler = steps == kind.mjINT_RK4, steps == kind.mjINT_EULER
+    out = {STEP: in_finer_steps(sim, run, w, 4 if runge_kutta else 2)[0] - plain}
+    if not runge_kutta:
+        with sim.integrator(kind.mjINT_IMPLICITFAST if euler else kind.mjINT_EULER):
+            out[INTEGRATOR] = sim.residuals(run, w)[0] - plain
+    out[LATE] = late - plain
+    older = w.older(1.1)
+    if older is not None:
+        out[OLDER] = sim.residuals(run, older)[0] - plain
+    return out
+
+
+def in_finer_steps(sim: Simulator, runs: list[Run], w: Windows, factor: int) -> Array:
+    """Residuals [R, W, N, 2 nv] in `factor` times as many steps; of Runge-Kutta, in such semi-implicit ones."""
+    if sim.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
+        return sim.residuals(runs, w.refined(factor))
+    with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+        return sim.residuals(runs, w.refined(factor))
+
+
+def robust_loss(x: Array) -> Array:
+    """Loss of windows with relative chi^2 x: 5 log(1 + x/5), linear for ordinary windows."""
+    return 5.0 * np.log1p(x / 5.0)
+
+
+def usual_excess(loss: float) -> float:
+    """The relative chi^2 of a window with that `robust_loss`."""
+    return float(5.0 * np.expm1(loss / 5.0))

@@ -1,0 +1,1 @@
+"""How far windows speak for a hypothesis: paired gains, held-out errors, and what noise alone would leave."""

@@ -1,0 +1,98 @@
+"""Errors of a fit on training and held-out recordings, beside the noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
+from mpge_jax.diagnosis.estimation.whitening import column_scale
+from mpge_jax.diagnosis.simulation.windows import Windows
+
+Array = np.ndarray
+
+
+TRAIN, HELD = 40, 60
+"""Windows of the reported length on which errors are shown, at most."""
+
+
+CLEAR = 2.0
+"""How many times the noise the usual window's error must be for its share that is left to mean anything."""
+
+
+@dataclass(frozen=True)
+class FitReport:
+    """Open-loop errors on windows of the reported length, nominal and corrected model on the same windows.
+
+    Attributes:
+        floors: [W] rms error that the noise alone leaves in each window. floor: the same over all of them.
+    """
+
+    windows: Windows
+    before: Errors
+    after: Errors
+    floors: Array
+    floor: float
+
+    def above(self, ratio: float) -> FitReport:
+        """The same with `ratio` times the noise, which cannot be more than what is left."""
+        return replace(self, floors=ratio * self.floors, floor=min(ratio * self.floor, self.after.rms))
+
+    def left(self, rugged: bool) -> float:
+        """Share of the error (rms beyond noise) that is left, between 0 and 1.
+
+        Args:
+            rugged: whether things strike each other. A few windows with impacts then hold all of the error and of the
+                noise: what is left in the usual one counts too, where the noise does not hide what it missed.
+        """
+        share = _share(self.after.rms, self.before.rms, self.floor)
+        if rugged and self.floors.size:
+            after, before, floor = (
+                float(np.median(x)) for x in (self.after.window, self.before.window, self.floors)
+            )
+            if before > CLEAR * floor:
+                share = max(share, _share(after, before, floor))
+        return min(share, 1.0)
+
+
+def _share(after: float, before: float, floor: float) -> float:
+    left, whole = (np.sqrt(max(x**2 - floor**2, 0.0)) for x in (after, before))
+    return float(left / max(whole, 1e-12))
+
+
+def fit_report(p: Prepared, f: Fitted, held: bool) -> FitReport:
+    """Errors of the nominal model and of `f` on training or held-out recordings."""
+    w = p.windows(held, p.config.report_s, HELD if held else TRAIN, seed=1)
+    before = errors(p.sim, NOTHING, w)
+    after = errors(p.sim, f, w) if f.hypothesis.terms else before
+    scale = column_scale(p.noise, p.model)
+    variance = noise_floor(p.sim, f, w, scale)
+    return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())))
+
+
+def helps(held: FitReport) -> bool:
+    """Whether held-out windows of the reported length are predicted better, in the mean or more often than not.
+
+    The search judges in units of the noise, and mostly shorter windows: where the noise was underestimated, an effect
+    may win there that helps nobody. Where there is no effect, nothing is asked.
+    """
+    before, after = held.before, held.after
+    if before is after or not held.windows.count:
+        return True
+    oftener = (after.window < before.window).sum() > (after.window > before.window).sum()
+    return bool(after.rms < before.rms or oftener)
+
+
+def error_drops(p: Prepared, f: Fitted, held: FitReport) -> dict[Term, float]:
+    """Share of the held-out squared error that goes with each effect, the others kept."""
+    out = {}
+    parts = f.hypothesis.split(p.ctx, f.theta)
+    for term in f.hypothesis.terms:
+        h = f.hypothesis.without(term)
+        without = errors(p.sim, replace(f, hypothesis=h, theta=h.gather(p.ctx, parts)), held.windows).rms
+        out[term] = float(1.0 - held.after.rms**2 / max(without**2, 1e-30))
+    return out

@@ -1,0 +1,249 @@
+"""What the statistics look like when a hypothesis is true: simulate recordings from it and treat them alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import mannwhitneyu, norm
+
+from mpge_jax.diagnosis.dataset.coarse_sampling import states_as_measured
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.prediction_error import noise_floor
+from mpge_jax.diagnosis.estimation.whitening import (
+    column_scale,
+    in_finer_steps,
+    numerics,
+    robust_loss,
+    whitener,
+)
+from mpge_jax.diagnosis.evidence.paired_gains import SEVERAL
+from mpge_jax.diagnosis.machine.joint_space import integrate
+from mpge_jax.diagnosis.machine.model import compile_variable, has_plain_law
+from mpge_jax.diagnosis.recordings.noise_level import column_noise
+from mpge_jax.diagnosis.recordings.recording import Recording
+from mpge_jax.diagnosis.recordings.states import States, estimate
+from mpge_jax.diagnosis.simulation.actuator_state import activations
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.measured_drives import plain_force
+from mpge_jax.diagnosis.simulation.windows import Windows, cut
+
+Array = np.ndarray
+SEGMENT, ALL = 0.8, 1_000_000
+EXCESS = 0.5
+"""Relative chi^2 above the floor that counts as structure."""
+SHARE = 0.1
+"""Share of all windows, and at least `SEVERAL`, that show as much where few of them make the mean."""
+FAR = 5.0
+"""Loss of a window that no noise explains, whatever the others show."""
+DOUBT = 3.0
+"""Standard errors by which it must exceed the floor."""
+FEWEST = 8
+"""Windows that a floor takes to tell degrees of freedom apart."""
+
+
+@dataclass(frozen=True)
+class Floor:
+    """What a true hypothesis would leave.
+
+    Attributes:
+        loss, error: mean of the windows' losses and its standard error. losses: [W] those losses.
+        ratio: root-mean-square error relative to `verdict.noise_floor`, which takes start state and measurements for
+            independent (they are not: the state was smoothed from the same measurements) and knows nothing of noise
+            in measured forces. each: [W, nv] losses of every degree of freedom by itself.
+    """
+
+    loss: float = 1.0
+    error: float = 0.05
+    ratio: float = 1.0
+    losses: Array = field(default_factory=lambda: np.zeros(0))
+    each: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def exceeded(self, losses: Array, doubt: float = DOUBT) -> bool:
+        """Whether windows with these losses [W] show more than that, by so many standard errors: by their mean, or,
+        where they scatter widely, by their ranks and by several windows that each show more."""
+        least = max(self.loss, 1.0)
+        excess = float(losses.mean()) - least
+        error = float(losses.std() / np.sqrt(max(losses.size, 1)))
+        beyond = excess > doubt * np.hypot(error, self.error)
+        several = (losses > least + EXCESS).sum() > max(SEVERAL, SHARE * losses.size)
+        if not beyond and several and self.losses.size:
+            beyond = mannwhitneyu(losses, self.losses, alternative="greater").pvalue < norm.sf(doubt)
+        return bool(excess > EXCESS and beyond)
+
+    def far(self, losses: Array, several: int = SEVERAL) -> bool:
+        """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave."""
+        usual = float(self.losses.max(initial=0.0))
+        return bool((losses > max(FAR, 2.0 * usual)).sum() >= several)
+
+    def beyond(self, left: Left) -> bool:
+        """Whether more is left than that, in all or at one degree of freedom by itself: where another one scatters
+        widely though nothing is missing there, what all show together says little."""
+        if self.exceeded(left.losses[left.typical]) or self.far(left.losses):
+            return True
+        count, nv = self.each.shape
+        if count < FEWEST:
+            return False
+        # one of many that are asked
+        doubt = float(norm.isf(norm.sf(DOUBT) / nv))
+        errors = self.each.std(0, ddof=1) / np.sqrt(count)
+        alone = [Floor(x.mean(), e, 1.0, x) for x, e in zip(self.each.T, errors, strict=True)]
+        return any(
+            f.exceeded(x[left.typical], doubt) or f.far(x, 2 * SEVERAL)
+            for f, x in zip(alone, left.each.T, strict=True)
+        )
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a hypothesis leaves: losses of all windows [W], of every degree of freedom by itself [W, nv], and which
+    windows were drawn at random [W] (the others were chosen because the nominal model misses most there)."""
+
+    losses: Array
+    each: Array
+    typical: Array
+
+
+def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int = 16) -> Floor:
+    """The floor when `f` is the truth, with the same noise (of measured forces too) and commands.
+
+    With contacts, the higher one of two truths: as the model steps, and in finer steps, which change impacts more than
+    whitening's directions follow.
+
+    Stretches of the training recordings are simulated anew from their own states, noise is added, and they go
+    through smoothing, cutting and whitening like the real ones.
+
+    Args:
+        shaken: the `force_noise` of these recordings, where it is known already.
+    """
+    shaken = force_noise(prepared) if shaken is None else shaken
+    truths = (False, True) if prepared.ctx.contacts else (False,)
+    return max((_floor(prepared, f, shaken, limit, finer) for finer in truths), key=lambda x: x.loss)
+
+
+def _floor(prepared: Prepared, f: Fitted, shaken: Array, limit: int, finer: bool) -> Floor:
+    sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
+    # of all their rows: commands averaged over several would count as noise
+    w = prepared.windows(held=False, duration=SEGMENT, limit=limit, seed=5, samples=ALL)
+    if not w.count or w.times.shape[1] < 14:
+        return Floor()
+    # the first row of a segment is that after the window's start
+    rows = [
+        w.sources[k].recording.time.searchsorted(t + 1e-9) for k, t in zip(w.source, w.start, strict=True)
+    ]
+    along = {k: activations(sim.model, w.sources[k]) for k in set(w.source.tolist())}
+    filled = [along[k][row] for k, row in zip(w.source, rows, strict=True)]
+    simulated = zip(_simulated(prepared, f, w, rows, shaken, rng, finer), filled, w.source, rows, strict=True)
+    kept = [x for x in simulated if x[0].time.size >= 14]
+    if not kept:
+        return Floor()
+    segments = [x[0] for x in kept]
+    noise, states, _ = estimate(segments, sim.model, prepared.names)
+    noise = replace(noise, qpos=prepared.noise.qpos, qvel=prepared.noise.qvel)
+    if prepared.noise.direct:
+        states = states_as_measured(segments, sim.model, noise)
+    sources = tuple(
+        _again(r, s, act, w.sources[k], row) for (r, act, k, row), s in zip(kept, states, strict=True)
+    )
+    duration = min(prepared.config.decide_s, 0.45 * SEGMENT)
+    cuts = cut(sources, sim.model, noise, duration, 2 * limit, prepared.dt, rng)
+    if not cuts.count:
+        return Floor()
+    white = whitener(
+        sim, f.hypothesis, f.theta, cuts, noise, numerics(sim, f.hypothesis, f.theta, cuts), temper=False
+    )
+    residual = sim.residuals([Run(f.hypothesis, f.theta)], cuts)[0]
+    flat = white(residual)
+    loss, each = robust_loss(white.excess(flat)), robust_loss(white.by_dof(flat, sim.model.nv))
+    expected = noise_floor(sim, f, cuts, column_scale(noise, sim.model))
+    positions = np.clip(residual[..., : sim.model.nv], -1e3, 1e3)
+    seen = np.isfinite(positions).any((1, 2))
+    got = np.nanmean(positions[seen] ** 2, axis=(1, 2))
+    ratio = float(np.sqrt(np.median(got / np.maximum(expected[seen], 1e-300)))) if seen.any() else 1.0
+    ratio = ratio if shaken.any() else min(ratio, 1.0)
+    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio, loss, each)
+
+
+def force_noise(prepared: Prepared) -> Array:
+    """Deviation [nu] of the noise in the forces that drive the machine; 0 where commands drive it.
+
+    A command that reacts to noisy measurements makes a force that is as rough and yet real, so what the model expects
+    of the actuator is taken away first where that leaves less.
+    """
+    out = np.zeros(prepared.measured.size)
+    plain = compile_variable(prepared.spec)
+    times = [s.recording.time for s in prepared.train_sources]
+    noisy = prepared.measured if prepared.known is None else prepared.measured & ~prepared.known
+    for a in map(int, np.flatnonzero(noisy)):
+        forces = [s.recording.known("force")[:, a] for s in prepared.train_sources]
+        levels = [column_noise(times, forces)[0]]
+        if has_plain_law(plain, a) and all(s.recording.ctrl is not None for s in prepared.train_sources):
+            expected = [plain_force(plain, a, _arrived(s, a), s.states) for s in prepared.train_sources]
+            levels.append(column_noise(times, [f - e for f, e in zip(forces, expected, strict=True)])[0])
+        finite = [x for x in levels if np.isfinite(x)]
+        out[a] = min(finite, default=0.0)
+    return out
+
+
+def _arrived(s: Source, a: int) -> Array:
+    """Commands [T, nu] that have reached actuator `a` at the rows of a recording."""
+    t, late = s.recording.time, 0.0 if s.late is None else float(s.late[a])
+    return s.recording.known("ctrl")[np.maximum(np.searchsorted(t, t - late + 1e-9, side="right") - 1, 0)]
+
+
+def _again(r: Recording, states: States, act: Array, original: Source, row: int) -> Source:
+    """A simulated segment, which begins at that row of a recording, with forces that change between rows as there.
+    `r` has the whole command at each row, noise included."""
+    rows = slice(row, row + r.time.size)
+    command = r.known("ctrl")
+    moves = original.smooth.any(0)
+    held = original.command[rows] - original.smooth[rows]
+    return Source.build(
+        r, states, command, np.where(moves, command - held, 0.0), original.age, act, original.late,
+        original.bend[rows.start : rows.stop - 1],
+    )  # fmt: skip
+
+
+def _simulated(
+    prepared: Prepared,
+    f: Fitted,
+    w: Windows,
+    rows: list[int],
+    shaken: Array,
+    rng: np.random.Generator,
+    finer: bool,
+) -> list[Recording]:
+    m = prepared.model
+    run = [Run(f.hypothesis, f.theta)]
+    residual = in_finer_steps(prepared.sim, run, w, 2)[0] if finer else prepared.sim.residuals(run, w)[0]
+    out = []
+    noise = prepared.noise
+    scale = column_scale(noise, m)[: m.nv]
+    scale = np.where(np.isfinite(scale), scale, 0.0)
+    for k in range(w.count):
+        n = int(w.seen[k].sum())
+        # tangent vectors from the measured to the simulated position, with fresh noise; unmeasured columns stay so
+        change = np.nan_to_num(-residual[k, :n, : m.nv]) + scale * rng.standard_normal((n, m.nv))
+        qpos = integrate(m, w.qpos[k, :n], change)
+        velocity = None
+        if np.isfinite(w.qvel[k, :n]).any():
+            velocity = w.qvel[k, :n] - residual[k, :n, m.nv :]
+            velocity = velocity + np.where(np.isfinite(noise.qvel), noise.qvel, 0.0) * rng.standard_normal(
+                (n, m.nv)
+            )
+        time = w.times[k, :n]
+        grid = w.start[k] + time
+        source = w.sources[w.source[k]]
+        ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
+        # where forces change between rows, they are as at the row, and not on average until the next
+        # and those that come late change where they arrive
+        whole = source.smooth.any(0)
+        whole = whole if source.late is None else whole | (source.late > 0)
+        ctrl = np.where(whole, source.command[rows[k] : rows[k] + n], ctrl)
+        if shaken.any():
+            # the machine felt the force, the recording holds it with noise
+            ctrl = ctrl + shaken * rng.standard_normal(ctrl.shape)
+        out.append(Recording(f"calibration_{k}", time, qpos, velocity, ctrl if m.nu else np.zeros((n, 0))))
+    return out

@@ -1,0 +1,121 @@
+"""Fits with their losses window by window, and how two of them compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import Place
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.screening import ELABORATE
+from mpge_jax.diagnosis.evidence.paired_gains import deviations, rare, standard_error
+
+Array = np.ndarray
+FEW = 3
+"""Families of candidates that are fitted further however far they lag behind the best."""
+CLEAR = 3.0
+"""Deviations, by ranks, from which on a difference is clear though few windows blur its mean."""
+TIE = 0.03
+"""Differences of relative loss below this are ties, whatever their standard error."""
+
+
+@dataclass
+class Scored:
+    """A fit with its loss on every window, training windows first. factor: by which the whiteners were tempered."""
+
+    fit: Fitted
+    train: Array
+    held: Array
+    directions: int
+    tier: int
+    factor: float = 1.0
+
+    @property
+    def losses(self) -> Array:
+        return np.concatenate([self.train, self.held])
+
+    @property
+    def complexity(self) -> tuple[float, ...]:
+        return (self.directions + 0.75 * self.tier, self.fit.theta.size)
+
+
+@dataclass(frozen=True)
+class Reached:
+    """Where a search is.
+
+    Attributes:
+        fit: what was accepted so far. last: what was ranked beside its last effect. first: beside its first.
+    """
+
+    fit: Fitted = NOTHING
+    last: tuple[Scored, ...] = ()
+    first: tuple[Scored, ...] = ()
+
+
+@dataclass
+class Rival:
+    """An alternative to one term: the losses tell by how much it is worse.
+
+    Attributes:
+        term: what replaces it. fit: the whole hypothesis with it. margin, error: mean difference of the losses and
+        its standard error. tied: whether the data cannot tell the two apart. better: whether it predicts clearly
+        better than the term.
+    """
+
+    term: Term
+    fit: Fitted
+    margin: float
+    error: float
+    why_not: str
+    tied: bool = False
+    better: bool = False
+
+
+def family(term: Term) -> tuple[str, Place]:
+    """What acts in much the same way: friction of any law at one place, else one effect at one place."""
+    return ("friction" if "friction" in term.id or "damping" in term.id else term.name, term.place)
+
+
+def hopeful(fits: list[Fitted], before: float) -> list[Fitted]:
+    """Fits that take away at least half as much of the loss `before` them as the best does, the best few families, and
+    the plain forms of elaborate frictions among them; best first."""
+    ranked = sorted(fits, key=lambda f: f.loss)
+    limit = 0.5 * (before + ranked[0].loss) if ranked else before
+    kept: list[Fitted] = []
+    families: set[frozenset[tuple[str, Place]]] = set()
+    for f in ranked:
+        kind = frozenset(map(family, f.hypothesis.terms))
+        if f.loss < limit or (kind not in families and len(families) < FEW):
+            kept.append(f)
+            families.add(kind)
+    rest = [f for f in ranked if all(f is not k for k in kept)]
+    return sorted(with_simpler([*kept, *rest], len(kept)), key=lambda f: f.loss)
+
+
+def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
+    """The best `keep`, and the plain form of every elaborate friction among them."""
+    top = screened[:keep]
+    chosen = {f.hypothesis for f in top}
+    plain = ("coulomb_friction", "viscous_damping")
+    places = {t.place for f in top for t in f.hypothesis.terms if t.id in ELABORATE}
+    for f in screened[keep:]:
+        if f.hypothesis not in chosen and any(
+            t.id in plain and t.place in places for t in f.hypothesis.terms
+        ):
+            top.append(f)
+    return top
+
+
+def clearly_worse(a: Scored, best: Scored) -> bool:
+    """Whether `a` loses to the best by more than a tie, and that by two standard errors (paired by window) or clearly
+    by ranks, or misses what acts rarely."""
+    d = a.losses - best.losses
+    sure = d.mean() > 2.0 * standard_error(d) or deviations(d) > CLEAR
+    return bool(d.mean() > TIE and sure) or misses(a, best)
+
+
+def misses(a: Scored, best: Scored) -> bool:
+    """Whether `a` leaves what acts rarely and `best` explains."""
+    return best.factor == 1.0 and rare(a.losses, best.losses, best.train.size)

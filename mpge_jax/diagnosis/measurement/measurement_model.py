@@ -1,0 +1,52 @@
+"""What recording did to the recordings: when late forces began, and where encoders had their zeros."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, arrivals, moved, with_arrivals
+from mpge_jax.diagnosis.measurement.encoder_zeros import describe_zeros, other_zeros, with_zeros
+from mpge_jax.diagnosis.selection.procedure import Decision
+
+
+@dataclass(frozen=True)
+class MeasurementModel:
+    """Delays and zeros with which recordings are read.
+
+    Attributes:
+        at_rows: the recordings with their zeros, and with forces that begin at the rows. late: actuator -> the delays
+            (s) between which its force may have begun. delays: those that are taken.
+    """
+
+    at_rows: Prepared
+    late: dict[int, tuple[float, float]]
+    delays: dict[int, Arrival]
+
+    @staticmethod
+    def without_physics(at_rows: Prepared, late: dict[int, tuple[float, float]]) -> MeasurementModel:
+        """Before anything was found: zeros as the model has them, delays as the model as given tells them."""
+        return MeasurementModel(at_rows, late, arrivals(at_rows, NOTHING, late))
+
+    def read(self) -> Prepared:
+        """The recordings, read with these delays and zeros."""
+        return with_arrivals(self.at_rows, self.delays)
+
+    def given(self, f: Fitted) -> MeasurementModel:
+        """The same with the delays that are likeliest if `f` is true."""
+        return replace(self, delays=arrivals(self.at_rows, f, self.late))
+
+    def with_moved_delays(self, found: Decision) -> MeasurementModel | None:
+        """With other delays where those of `given` differ clearly from these: what was missing seemed to be a matter
+        of delays. None where they do not, or where nothing was found."""
+        now = self.given(found.fit) if found.fit.hypothesis.terms else self
+        return now if moved(self.delays, now.delays) else None
+
+    def with_moved_zeros(self, found: Decision) -> MeasurementModel | None:
+        """With other zeros where recordings differ in them and what was found leaves something; else None."""
+        zeros = {} if found.left is None else other_zeros(self.read(), found.fit)
+        if not zeros:
+            return None
+        self.at_rows.warnings.append(describe_zeros(self.at_rows, zeros))
+        return replace(self.given(found.fit), at_rows=with_zeros(self.at_rows, zeros))

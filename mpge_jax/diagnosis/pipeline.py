@@ -1,0 +1,107 @@
+"""The whole diagnosis: read, validate, model the measurement, search, weigh, judge."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+
+import mujoco
+
+from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.dataset.preparation import prepare
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.diagnosis import Diagnosis
+from mpge_jax.diagnosis.drives.driven_machine import driven_as_found
+from mpge_jax.diagnosis.evidence.scored import Reached
+from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
+from mpge_jax.diagnosis.recordings.reader import read
+from mpge_jax.diagnosis.recordings.recording import Recording
+from mpge_jax.diagnosis.selection import checkpoint
+from mpge_jax.diagnosis.selection.procedure import decide
+from mpge_jax.diagnosis.selection.setup import build_search, check_windows
+from mpge_jax.diagnosis.verdict.judgement import judge
+from mpge_jax.diagnosis.verdict.result import Result
+
+
+class Progress:
+    """Says what is being done, on stderr."""
+
+    def __init__(self, quiet: bool) -> None:
+        self.quiet, self.start = quiet, time.monotonic()
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self.start
+
+    def __call__(self, text: str) -> None:
+        if not self.quiet:
+            print(f"[{self.seconds:5.0f} s] {text}", file=sys.stderr, flush=True)
+
+
+def diagnose(
+    model: str | Path | mujoco.MjSpec,
+    recordings: Sequence[Recording] | Sequence[str | Path] | str | Path,
+    config: Config | None = None,
+    columns: dict[str, object] | None = None,
+    progress: Path | None = None,
+) -> Diagnosis:
+    """Find the physics that a model lacks.
+
+    Args:
+        model: path of an MJCF file, or an MjSpec.
+        recordings: files, folders, or `Recording`s in SI units.
+        config: settings. columns: renaming and conversion of columns (the content of `--map`).
+        progress: file that keeps the state of the search, so that an interrupted one goes on; yours to remove when
+            the result is safe.
+
+    Raises:
+        InputError: the input cannot be used; the message says what to do.
+    """
+    config = config or Config()
+    say = Progress(config.quiet)
+    spec = load_spec(model)
+    plain = compile_variable(spec)
+    checked = read(recordings, plain, names_of(plain), columns)
+    result = replace(find(prepare(spec, checked, config), plain, say, progress), seconds=say.seconds)
+    return Diagnosis(**{f.name: getattr(result, f.name) for f in fields(result)})
+
+
+def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | None = None) -> Result:
+    """What the model lacks, and what recording did to what was recorded: either is estimated given the other.
+
+    The recordings are read with delays and zeros that no physics explains, and the search looks for physics in what
+    that leaves. Then the delays, and after them the zeros, are estimated again given that physics; where they moved,
+    the search goes on from what it has on recordings read anew. So it ends after three decisions at most.
+
+    Args:
+        p: recordings as prepared. plain: the nominal model. progress: see `diagnose`.
+    """
+    p, drives = driven_as_found(p, plain)
+    measurement = MeasurementModel.without_physics(p, {} if drives is None else drives.late(plain))
+    p = measurement.read()
+    s = build_search(p, say, p.config.decide_s)
+    check_windows(p, s)
+    if progress is not None:
+        checkpoint.attach(s, p, progress)
+    say(
+        f"{len(p.train_sources) + len(p.held_sources)} recordings, {len(s.terms)} effects at their places, "
+        f"{s.train.count} + {s.held.count} windows"
+    )
+    found = decide(p, s, say)
+    for moved in (MeasurementModel.with_moved_delays, MeasurementModel.with_moved_zeros):
+        again = moved(measurement, found)
+        if again is None:
+            continue
+        say("the recordings are read otherwise, given what was found; going on from there")
+        measurement, p = again, again.read()
+        log, s = s.log, build_search(p, say, p.config.decide_s)
+        s.log, s.resume = log, Reached(found.fit)
+        found = decide(p, s, say)
+    say("judging what is left")
+    if drives is not None and measurement.late:
+        drives = drives.arrived(measurement.given(found.fit).delays)
+    return judge(p, plain, s, found, drives)

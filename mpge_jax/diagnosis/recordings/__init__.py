@@ -1,0 +1,1 @@
+"""Recordings: read, checked, split, and smoothed into states with their noise."""

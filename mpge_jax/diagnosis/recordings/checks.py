@@ -1,0 +1,160 @@
+"""Whether recordings and model together can be diagnosed at all; what the user should know of them."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.machine.model import Names, floating_base_joints, qpos_columns
+from mpge_jax.diagnosis.recordings.recording import Recording
+from mpge_jax.diagnosis.recordings.states import Noise
+
+RESTING = 10.0
+"""Deviations of the noise within which a joint that does not move stays."""
+LISTED = 3
+"""Recordings that a warning names, at most."""
+POSES, MOVED, MATTERS = 5, (-1.0, -0.3, -0.1, 0.1, 0.3), 0.02
+"""Poses in which a base is moved by so much (m or rad), and the share of the accelerations that must change for its
+pose to matter."""
+
+
+def told_once(recordings: list[Recording]) -> list[str]:
+    """Warnings of all recordings; what is the same for several of them is said once."""
+    groups: dict[str, list[str]] = {}
+    for r in recordings:
+        for warning in r.warnings:
+            text = warning.removeprefix(f"{r.name}: ")
+            groups.setdefault(text, []).extend([] if text == warning else [r.name])
+    return [f"{_listed(called, len(recordings))}{text}" for text, called in groups.items()]
+
+
+def _listed(called: list[str], count: int) -> str:
+    """Names of recordings before what is said of them; nothing where none is meant."""
+    if len(called) == count > 1:
+        return "every recording: "
+    more = f" and {len(called) - LISTED} others" if len(called) > LISTED else ""
+    return f"{', '.join(called[:LISTED])}{more}: " if called else ""
+
+
+def check_commands(recordings: list[Recording], measured: np.ndarray, names: Names) -> None:
+    """Raises InputError where neither commands nor forces drive a machine; measured: [nu] in every recording."""
+    for r in recordings:
+        if r.ctrl is None and not measured.all():
+            name = names.actuators[int(np.flatnonzero(~measured)[0])]
+            raise InputError(
+                f"{r.name} holds no commands, and the force of {name} was not measured in most rows of "
+                "every recording; add 'ctrl' or leave the recording out."
+            )
+
+
+def check_forces(
+    recordings: list[Recording], measured: np.ndarray, names: Names, warnings: list[str]
+) -> None:
+    """Warn of forces that some recordings hold and others lack: they are not used."""
+    some = [np.isfinite(r.known("force")).any(0) for r in recordings if r.force is not None]
+    for a in np.flatnonzero(np.any(some, axis=0) & ~measured if some else []):
+        warnings.append(
+            f"the force of {names.actuators[a]} was not measured in most rows of every recording, and is not used."
+        )
+
+
+def check_copies(train: list[Recording], held: list[Recording], warnings: list[str]) -> None:
+    """Warn of held-out recordings that are also trained on."""
+    for h in held:
+        for r in train:
+            if np.array_equal(h.time, r.time) and np.array_equal(h.qpos, r.qpos, equal_nan=True):
+                warnings.append(
+                    f"{h.name} is held out, but {r.name} is the same recording: it proves nothing."
+                )
+
+
+def check_model(model: mujoco.MjModel, names: Names, warnings: list[str]) -> None:
+    """Warn of what a model hides: disabled forces, and what integrators hold."""
+    for flag, word in (
+        (mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS, "frictionloss"),
+        (mujoco.mjtDisableBit.mjDSBL_DAMPER, "damper"),
+        (mujoco.mjtDisableBit.mjDSBL_SPRING, "spring"),
+    ):
+        if model.opt.disableflags & flag:
+            warnings.append(
+                f"the model disables {word}: effects of that kind do nothing in it and are not found."
+            )
+    for a in np.flatnonzero(model.actuator_dyntype == mujoco.mjtDyn.mjDYN_INTEGRATOR):
+        warnings.append(
+            f"{names.actuators[a]} integrates its commands; what it held when a recording began is taken for zero."
+        )
+
+
+def check_base(recordings: list[Recording], model: mujoco.MjModel, names: Names) -> None:
+    """Raises InputError where the pose of a floating base was never measured and decides how the joints move.
+
+    Whether it touches the ground and which way gravity pulls does; how far it went along a plane does not.
+    """
+    missing = np.all([np.isnan(r.qpos).all(0) for r in recordings], axis=0)
+    dofs = [d for j in floating_base_joints(model) for d in unmeasured_dofs(model, j, missing)]
+    measured = [d for d in range(model.nv) if not unmeasured_dofs(model, int(model.dof_jntid[d]), missing)]
+    if not dofs or not measured:
+        return
+    data, poses = mujoco.MjData(model), [r.qpos[len(r.qpos) // 2] for r in recordings[:POSES]]
+
+    def accelerations(pose: np.ndarray, move: np.ndarray) -> np.ndarray:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = np.where(np.isnan(pose), model.qpos0, pose)
+        mujoco.mj_integratePos(model, data.qpos, move, 1.0)
+        mujoco.mj_forward(model, data)
+        return data.qacc[measured].copy()
+
+    plain = [accelerations(pose, np.zeros(model.nv)) for pose in poses]
+    for d in dofs:
+        moves = [size * np.eye(model.nv)[d] for size in MOVED]
+        change = max(
+            np.abs(accelerations(pose, move) - a).max()
+            for pose, a in zip(poses, plain, strict=True)
+            for move in moves
+        )
+        if change > MATTERS * max(np.abs(plain).max(), 1e-6):
+            name = names.joint_of_dof(model, d)
+            raise InputError(
+                f"how the machine moves depends on the pose of its base ('{name}'), which was never measured; record "
+                "it, or fix the base in the model if it stands still."
+            )
+
+
+def unmeasured_dofs(model: mujoco.MjModel, joint: int, missing: np.ndarray) -> list[int]:
+    """Degrees of freedom of a joint of which some column [nq] is missing."""
+    first, end = qpos_columns(model, joint)
+    columns, dof = np.flatnonzero(missing[first:end]), int(model.jnt_dofadr[joint])
+    kind = model.jnt_type[joint]
+    if kind == mujoco.mjtJoint.mjJNT_FREE:
+        turned = [dof + 3, dof + 4, dof + 5] if (columns >= 3).any() else []
+        return [dof + int(c) for c in columns if c < 3] + turned
+    if kind == mujoco.mjtJoint.mjJNT_BALL:
+        return [dof, dof + 1, dof + 2] if columns.size else []
+    return [dof] if columns.size else []
+
+
+def check_motion(
+    recordings: list[Recording], model: mujoco.MjModel, names: Names, noise: Noise, warnings: list[str]
+) -> None:
+    """Warn of machines that never moved, and of joints that were never measured."""
+    span = np.zeros(model.nq)
+    for r in recordings:
+        span = np.maximum(span, np.nan_to_num(np.ptp(r.qpos, axis=0)))
+    if np.all(span <= RESTING * noise.qpos):
+        warnings.append(
+            "the robot never moved: friction, damping, inertia, drag, delay and lag cannot be seen; only constant "
+            "forces against the held pose can."
+        )
+    missing = [np.isnan(r.qpos).all(0) for r in recordings]
+    unmeasured, sometimes = np.all(missing, axis=0), np.any(missing, axis=0)
+    for j in range(model.njnt):
+        columns = slice(*qpos_columns(model, j))
+        if unmeasured[columns].any():
+            part = "" if unmeasured[columns].all() else "a part of "
+            warnings.append(
+                f"{part}the position of joint {names.joints[j]} was never measured; it is taken to stay where the "
+                "model has it."
+            )
+        elif sometimes[columns].any():
+            warnings.append(f"the position of joint {names.joints[j]} was not measured in every recording.")

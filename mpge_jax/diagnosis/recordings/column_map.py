@@ -1,0 +1,152 @@
+"""Rename and convert columns before a recording is read: the file given with `--map`.
+
+    columns:                       # key of the recording -> what the file calls it
+      time: {from: t, scale: 1.0e-3}
+      qpos:shoulder: {from: q_shoulder_deg, unit: deg, offset: 0.0}
+      ctrl:tau1: {from: command, column: 0}
+
+`from` is a CSV title or an array of the .npz (with `column` where it has several); the value read is
+`scale * x + offset`, and `unit: deg` stands for scale pi/180.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import yaml
+
+from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.machine.model import Names
+from mpge_jax.diagnosis.recordings.csv_table import read_table
+
+_SCALES = {
+    "rad": 1.0,
+    "deg": np.pi / 180,
+    "rad/s": 1.0,
+    "deg/s": np.pi / 180,
+    "rpm": np.pi / 30,
+    "m": 1.0,
+    "mm": 1e-3,
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "N": 1.0,
+    "N m": 1.0,
+}
+
+
+def load(path: Path) -> dict[str, Any]:
+    """Read a mapping file (YAML, or JSON, which is YAML too)."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read the map {path}: {error}.") from None
+    try:
+        data = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError) as error:  # dates that are none
+        mark = getattr(error, "problem_mark", None)
+        where = "" if mark is None else f" (line {mark.line + 1}, column {mark.column + 1})"
+        raise InputError(f"the map {path.name} is not valid YAML{where}; correct it.") from None
+    if not isinstance(data, dict) or not isinstance(data.get("columns"), dict):
+        raise InputError(f"{path.name}: a map needs an entry 'columns' with one line per column.")
+    return data["columns"]
+
+
+def csv_places(model: mujoco.MjModel, names: Names) -> dict[tuple[str, str], int]:
+    places: dict[tuple[str, str], int] = {}
+    for j, joint in enumerate(names.joints):
+        for key, start, total, table in (
+            ("qpos", int(model.jnt_qposadr[j]), model.nq, model.jnt_qposadr),
+            ("qvel", int(model.jnt_dofadr[j]), model.nv, model.jnt_dofadr),
+        ):
+            end = int(table[j + 1]) if j + 1 < model.njnt else total
+            for i in range(start, end):
+                places[key, joint if end - start == 1 else f"{joint}:{i - start}"] = i
+    for a, actuator in enumerate(names.actuators):
+        places["ctrl", actuator] = a
+        places["actuator_force", actuator] = a
+    return places
+
+
+def sources(columns: Mapping[str, Any]) -> set[str]:
+    """What the file calls the columns that a map reads."""
+    entries = [{"from": entry} if isinstance(entry, str) else entry for entry in columns.values()]
+    return {str(entry["from"]) for entry in entries if isinstance(entry, dict) and "from" in entry}
+
+
+def raw_columns(path: Path, wanted: set[str]) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The columns `wanted` of a file, before any meaning is given to them, and the titles of all."""
+    if path.suffix.lower() == ".csv":
+        titles, table = read_table(path, lambda _title: False)
+        return {t: table[:, i] for i, t in enumerate(titles) if t in wanted}, list(titles)
+    try:
+        with path.open("rb") as binary, np.load(binary, allow_pickle=False) as data:
+            return {k: _plain(path, data, k) for k in data.files if k in wanted}, list(data.files)
+    except InputError:
+        raise
+    except Exception as error:  # damaged archives raise types of their own
+        raise InputError(f"cannot read {path.name}: {type(error).__name__}.") from None
+
+
+def _plain(path: Path, data: Mapping[str, np.ndarray], key: str) -> np.ndarray:
+    try:
+        return data[key]
+    except ValueError:  # objects, which only a pickle holds
+        raise InputError(f"{path.name}: the map's '{key}' does not hold plain numbers.") from None
+
+
+def apply(
+    path: Path, data: dict[str, np.ndarray], columns: Mapping[str, Any], model: mujoco.MjModel, names: Names
+) -> dict[str, np.ndarray]:
+    """Add the mapped columns to what was read from a file.
+
+    Raises:
+        InputError: an entry names nothing in the file or in the model, or is malformed.
+    """
+    raw, titles = raw_columns(path, sources(columns))
+    places, out = csv_places(model, names), dict(data)
+    widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu, "actuator_force": model.nu}
+    for target, entry in columns.items():
+        entry = {"from": entry} if isinstance(entry, str) else entry
+        if not isinstance(entry, dict) or "from" not in entry:
+            raise InputError(f"map: '{target}' needs 'from' (what the file calls it).")
+        title = str(entry["from"])
+        if title not in raw:
+            raise InputError(
+                f"{path.name}: the map's '{title}' is not in the file (it has {', '.join(titles)})."
+            )
+        if raw[title].dtype.kind not in "fiub":
+            raise InputError(f"{path.name}: the map's '{title}' does not hold plain numbers.")
+        value = np.asarray(raw[title], dtype=float)
+        if value.ndim not in (1, 2):
+            raise InputError(
+                f"{path.name}: the map's '{title}' has {value.ndim} dimensions; columns have one, tables two."
+            )
+        if value.ndim == 2:
+            column = entry.get("column", 0)
+            if not isinstance(column, int) or not 0 <= column < value.shape[1]:
+                raise InputError(f"map: '{target}' needs a column between 0 and {value.shape[1] - 1}.")
+            value = value[:, column]
+        unit = str(entry.get("unit", "rad"))
+        if unit not in _SCALES:
+            raise InputError(f"map: '{target}' has the unknown unit '{unit}' (known: {', '.join(_SCALES)}).")
+        try:
+            value = value * _SCALES[unit] * float(entry.get("scale", 1.0)) + float(entry.get("offset", 0.0))
+        except (TypeError, ValueError):
+            raise InputError(f"map: scale and offset of '{target}' must be numbers.") from None
+        if target == "time":
+            out["time"] = value
+            continue
+        key, _, rest = str(target).partition(":")
+        if (key, rest) not in places:
+            raise InputError(f"map: '{target}' names nothing in the model.")
+        array = out.get(key)
+        if array is None or array.shape != (value.size, widths[key]):
+            array = np.full((value.size, widths[key]), np.nan)
+        out[key] = np.array(array, dtype=float)
+        out[key][:, places[key, rest]] = value
+    return out

@@ -1,0 +1,90 @@
+"""Whether recorded velocities are measurements: independent of the recorded positions, and of the same motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
+from mpge_jax.diagnosis.recordings.noise_level import MIN_ROWS
+from mpge_jax.diagnosis.recordings.recording import Recording
+
+Array = np.ndarray
+LOOKED_AT = 400
+"""Rows of a recording that are smoothed to compare velocities with."""
+RESTING = 0.1
+"""Share of its way at its liveliest below which a joint rests."""
+EQUAL, EXACT = 1e-3, 3e-3
+"""Velocities within this share of the positions' slope are computed from it; those whose noise is a smaller share of
+their spread are exact, wherever they come from."""
+
+
+def wrong(
+    recordings: list[Recording],
+    dofs: dict[int, int],
+    qpos_noise: Array,
+    qvel_noise: Array,
+) -> list[int]:
+    """Degrees of freedom whose recorded velocity is not the derivative of the recorded position."""
+    bad = []
+    for column, dof in dofs.items():
+        if not np.isfinite(qvel_noise[dof]):
+            continue
+        usable = [
+            r
+            for r in recordings
+            if r.qvel is not None
+            and r.time.size >= 60
+            and not np.isnan(r.qpos[:, column]).all()
+            and not np.isnan(r.qvel[:, dof]).all()
+        ][:4]
+        if not usable:
+            continue
+        rows = [_liveliest(r.qpos[:, column]) for r in usable]
+        estimates = smooth(
+            [
+                Series(r.time[k], r.qpos[k, column], None, qpos_noise[column], 1.0)
+                for r, k in zip(usable, rows, strict=True)
+            ]
+        )
+        ratio = []
+        for r, k, s in zip(usable, rows, estimates, strict=True):
+            inner = slice(10, s.mean.shape[0] - 10)
+            velocity = r.known("qvel")[k, dof]
+            error = velocity[inner] - s.mean[inner, 1]
+            expected = s.cov[inner, 1, 1] + qvel_noise[dof] ** 2
+            tolerance = (0.02 * np.std(velocity)) ** 2
+            ratio.append(float(np.median(error**2 / (expected + tolerance))))
+        if np.median(ratio) > 4.0:
+            bad.append(dof)
+    return bad
+
+
+def _liveliest(value: Array) -> slice:
+    """The first `LOOKED_AT` rows, or where next to nothing moves in these, those in which a position changes most."""
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(value)))])
+    if value.size <= LOOKED_AT:
+        return slice(0, value.size)
+    moved = way[LOOKED_AT - 1 :] - way[: 1 - LOOKED_AT]
+    first = int(np.argmax(moved)) if moved[0] < RESTING * moved.max() else 0
+    return slice(first, first + LOOKED_AT)
+
+
+def derived(recordings: list[Recording], dofs: dict[int, int], qvel_noise: Array) -> list[int]:
+    """Degrees of freedom whose noisy velocities somebody computed from the positions of neighbouring rows."""
+    found = []
+    for column, dof in dofs.items():
+        equal, noisy = [], []
+        for r in recordings:
+            if r.qvel is None or np.isnan(r.qpos[:, column]).any() or np.isnan(r.qvel[:, dof]).any():
+                continue
+            q, t, v = r.qpos[:, column], r.time, r.qvel[:, dof]
+            ahead, about = np.diff(q) / np.diff(t), (q[2:] - q[:-2]) / (t[2:] - t[:-2])
+            guesses = ((v[1:], ahead), (v[:-1], ahead), (v[1:-1], about), (v, np.gradient(q, t)))
+            if (np.abs(ahead) > 0).sum() < MIN_ROWS:
+                continue
+            equal.append(max(np.mean(np.abs(x - y)[y != 0] < EQUAL * np.abs(y[y != 0])) for x, y in guesses))
+            noisy.append(qvel_noise[dof] > EXACT * v.std())
+        # velocities of an engine that steps semi-implicitly are differences as well, but exact
+        if equal and min(equal) > 0.9 and np.median(noisy) > 0.5:
+            found.append(dof)
+    return found

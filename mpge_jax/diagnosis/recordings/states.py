@@ -1,0 +1,219 @@
+"""Joint-space states of every recording: smoothed positions, velocities, accelerations and covariances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.machine.model import Names, is_scalar
+from mpge_jax.diagnosis.recordings import recorded_velocities
+from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
+from mpge_jax.diagnosis.recordings.noise_level import column_noise
+from mpge_jax.diagnosis.recordings.recording import Recording
+
+Array = np.ndarray
+SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR = 1e-6, 1e-5
+UNKNOWN_VELOCITY = 1.0
+"""Deviation (m/s or rad/s) of a velocity of which nothing was measured."""
+MAX_ROWS = 60_000
+"""Most rows smoothed over all recordings; longer logs are read in stretches."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Deviations of the measurement noise per column, quantisation included.
+
+    Attributes:
+        qpos: [nq]. qvel: [nv]; infinite where recorded velocities are not used. quantum: [nq].
+        direct: whether the measurements are taken as states without smoothing (see `coarse`).
+    """
+
+    qpos: Array
+    qvel: Array
+    quantum: Array
+    direct: bool = False
+
+    def angle(self, column: int) -> float:
+        """Deviation (rad, per axis) of an orientation whose quaternion begins at a column of qpos.
+
+        A rotation by r moves the quaternion by |r| / 2 within the three directions that keep its length; how they
+        share it depends on the pose (near the identity the first component hardly moves).
+        """
+        return 2.0 * float(np.sqrt((self.qpos[column : column + 4] ** 2).sum() / 3.0))
+
+
+@dataclass(frozen=True)
+class States:
+    """Estimates along one recording.
+
+    Attributes:
+        qpos: [T, nq]. qvel: [T, nv]. qacc: [T, nv].
+        cov: [T, nv, 2, 2] covariance of (position, velocity) per degree of freedom.
+    """
+
+    qpos: Array
+    qvel: Array
+    qacc: Array
+    cov: Array
+
+
+def _dof_of_column(model: mujoco.MjModel) -> dict[int, int]:
+    """qpos column -> dof, of every joint that is not a quaternion."""
+    out = {}
+    for j in range(model.njnt):
+        q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+        kind = model.jnt_type[j]
+        if is_scalar(model, j):
+            out[q] = v
+        elif kind == mujoco.mjtJoint.mjJNT_FREE:
+            out.update({q + i: v + i for i in range(3)})
+    return out
+
+
+def estimate(
+    recordings: list[Recording], model: mujoco.MjModel, names: Names, recorded: list[Recording] | None = None
+) -> tuple[Noise, list[States], list[str]]:
+    """Noise levels and smoothed states. Returns warnings too.
+
+    Args:
+        recorded: the recordings before any reading was corrected, if that happened.
+    """
+    warnings: list[str] = []
+    qpos_noise, quanta = np.full(model.nq, np.nan), np.zeros(model.nq)
+    for c in range(model.nq):
+        qpos_noise[c], quanta[c] = column_noise(
+            [r.time for r in recordings], [r.qpos[:, c] for r in recordings], rests=True
+        )
+    _as_others(recordings, model, qpos_noise, quanta)
+    qvel_noise = np.full(model.nv, np.inf)
+    with_velocity = [(r.time, r.qvel) for r in recordings if r.qvel is not None]
+    for d in range(model.nv):
+        level, _ = column_noise([t for t, _ in with_velocity], [v[:, d] for _, v in with_velocity])
+        if np.isfinite(level):
+            qvel_noise[d] = level
+        elif any(not np.isnan(v[:, d]).all() for _, v in with_velocity):
+            qvel_noise[d] = SIGMA_VELOCITY_FLOOR
+    qpos_noise = np.maximum(np.nan_to_num(qpos_noise, nan=SIGMA_FLOOR), SIGMA_FLOOR)
+    qvel_noise = np.maximum(qvel_noise, SIGMA_VELOCITY_FLOOR)
+    dofs = _dof_of_column(model)
+    derived = recorded_velocities.derived(recorded or recordings, dofs, qvel_noise)
+    wrong = recorded_velocities.wrong(recordings, dofs, qpos_noise, qvel_noise)
+    for unused, why in (
+        (derived, "are the differences of the recorded positions: they say nothing more, and are not used."),
+        (
+            [d for d in wrong if d not in derived],
+            "disagree with the positions (filtered or delayed by the driver); velocities are taken from the positions.",
+        ),
+    ):
+        if unused:
+            joints = sorted({names.joint_of_dof(model, d) for d in unused})
+            warnings.append(f"recorded velocities of {', '.join(joints)} {why}")
+            qvel_noise[unused] = np.inf
+    noise = Noise(qpos_noise, qvel_noise, quanta)
+    return noise, _smooth_all(recordings, model, dofs, noise), warnings
+
+
+def _as_others(recordings: list[Recording], model: mujoco.MjModel, noise: Array, quanta: Array) -> None:
+    """Give joints whose reading never changed the noise of the finest quantised encoder of their kind, in place: within
+    its steps they may have moved."""
+    columns: dict[int, list[int]] = {}
+    for j in range(model.njnt):
+        if is_scalar(model, j):
+            columns.setdefault(int(model.jnt_type[j]), []).append(int(model.jnt_qposadr[j]))
+    for alike in columns.values():
+        known = [quanta[c] for c in alike if quanta[c] > 0]
+        for c in alike if known else []:
+            if all(np.ptp(r.qpos[:, c]) == 0 for r in recordings):
+                quanta[c] = min(known)
+                noise[c] = max(np.nan_to_num(noise[c]), min(known) / np.sqrt(12))
+
+
+def _smooth_all(
+    recordings: list[Recording], model: mujoco.MjModel, dofs: dict[int, int], noise: Noise
+) -> list[States]:
+    series: list[Series] = []
+    owner: list[tuple[int, int, int]] = []
+    states = []
+    for i, r in enumerate(recordings):
+        rows = r.time.size
+        measured_v = r.qvel if r.qvel is not None else np.full((rows, model.nv), np.nan)
+        cov = np.zeros((rows, model.nv, 2, 2))
+        cov[:, :, 0, 0] = SIGMA_FLOOR**2
+        cov[:, :, 1, 1] = np.where(np.isnan(measured_v), UNKNOWN_VELOCITY, np.minimum(noise.qvel, 1.0)) ** 2
+        qpos = np.where(np.isnan(r.qpos), model.qpos0, r.qpos)
+        states.append(States(qpos, np.nan_to_num(measured_v), np.zeros((rows, model.nv)), cov))
+        for column, dof in dofs.items():
+            if np.isnan(r.qpos[:, column]).all():
+                continue
+            usable = np.isfinite(noise.qvel[dof]) and not np.isnan(measured_v[:, dof]).all()
+            if rows < 4:
+                cov[:, dof, 0, 0] = noise.qpos[column] ** 2
+                if usable:
+                    states[i].qacc[:, dof] = np.gradient(measured_v[:, dof], r.time)
+                else:
+                    states[i].qvel[:, dof] = np.gradient(r.qpos[:, column], r.time)
+                continue
+            series.append(
+                Series(
+                    r.time,
+                    r.qpos[:, column],
+                    measured_v[:, dof] if usable else None,
+                    float(noise.qpos[column]),
+                    float(noise.qvel[dof]) if usable else 1.0,
+                )
+            )
+            owner.append((i, column, dof))
+    if series:
+        for (i, column, dof), estimate_ in zip(owner, smooth(series), strict=True):
+            states[i].qpos[:, column] = estimate_.mean[:, 0]
+            states[i].qvel[:, dof] = estimate_.mean[:, 1]
+            states[i].qacc[:, dof] = estimate_.mean[:, 2]
+            states[i].cov[:, dof] = estimate_.cov[:, :2, :2]
+    for r, s in zip(recordings, states, strict=True):
+        _rotations(r, s, model, noise)
+    return states
+
+
+def _rotations(recording: Recording, states: States, model: mujoco.MjModel, noise: Noise) -> None:
+    """Orientations and angular velocities (in the body's frame) of ball and free joints, with those that were measured
+    taken for independent of the orientations."""
+    for j in range(model.njnt):
+        kind, q, v = int(model.jnt_type[j]), int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            q, v = q + 3, v + 3
+        elif kind != mujoco.mjtJoint.mjJNT_BALL:
+            continue
+        quat = recording.qpos[:, q : q + 4]
+        if np.isnan(quat).all():
+            continue
+        states.cov[:, v : v + 3, 0, 0] = noise.angle(q) ** 2
+        measured = recording.qvel is not None and bool(np.isfinite(recording.qvel[:, v : v + 3]).all())
+        known = measured and bool(np.isfinite(noise.qvel[v : v + 3]).all())
+        if known:
+            states.cov[:, v : v + 3, 1, 1] = noise.qvel[v : v + 3] ** 2
+        if recording.time.size < 4:
+            continue
+        mean, omega, variance = _turning(recording.time, quat, noise.qpos[q : q + 4])
+        weight = np.zeros_like(omega)
+        if known:
+            weight = variance / (variance + noise.qvel[v : v + 3] ** 2)
+            variance = weight * noise.qvel[v : v + 3] ** 2
+            omega = omega + weight * (recording.known("qvel")[:, v : v + 3] - omega)
+        states.qpos[:, q : q + 4] = mean
+        states.qvel[:, v : v + 3] = omega
+        states.cov[:, v : v + 3, 1, 1] = variance
+
+
+def _turning(time: Array, quat: Array, sigma: Array) -> tuple[Array, Array, Array]:
+    """Smoothed orientations [T, 4], angular velocities in the body's frame [T, 3], and the variance of those [T, 1]."""
+    parts = smooth([Series(time, quat[:, k], None, float(sigma[k]), 1.0) for k in range(4)])
+    mean = np.stack([p.mean[:, 0] for p in parts], 1)
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    rate = np.stack([p.mean[:, 1] for p in parts], 1)
+    w, x = mean[:, :1], mean[:, 1:]
+    dw, dx = rate[:, :1], rate[:, 1:]
+    # omega = 2 * vector part of conj(quat) * dquat/dt
+    omega = 2 * (w * dx - dw * x - np.cross(x, dx))
+    return mean, omega, 4 / 3 * np.sum([p.cov[:, 1, 1] for p in parts], axis=0)[:, None]

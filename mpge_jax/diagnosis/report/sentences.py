@@ -1,0 +1,138 @@
+"""Sentences for people."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.intervals import parameters
+from mpge_jax.diagnosis.estimation.quantities import clause, quantity
+from mpge_jax.diagnosis.machine.model import is_joint_transmission
+from mpge_jax.diagnosis.report.force_errors import force_errors, motion_is_given
+from mpge_jax.diagnosis.verdict.result import Result, candidates_of
+
+
+def _said(d: Result, f: Fitted, term: Term) -> str:
+    """What an effect's sentence says; it may begin with the name of a place."""
+
+    values = {k: quantity(v) for k, v in parameters(d.ctx, f, term).items()}
+    return term.effect.sentence(term.place, values)
+
+
+def _listed(names: list[str]) -> str:
+    """'a, b and c'."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def explanation(d: Result) -> str:
+    """What a technician needs to know, in a few sentences."""
+
+    parts: list[str] = []
+    ambiguous = candidates_of(d)
+    for term in d.terms:
+        if term in ambiguous:
+            options = [clause(_said(d, f, _differing(d, f, term))) for f in ambiguous[term]]
+            parts.append(f"The recordings cannot tell which: {', or '.join(options)}.")
+        else:
+            text = _said(d, d.fit, term)
+            parts.append(text[0].upper() + text[1:])
+    if d.actuators is not None:
+        parts += d.actuators.sentences
+    if d.unexplained is not None:
+        where = _listed(d.unexplained["at"]) or "machine"
+        known = "Beyond that, something" if parts else "Something"
+        parts.append(
+            f"{known} acts at the {where} that no known effect explains: {d.unexplained['when']}. It makes up "
+            f"{100 * d.unexplained['share']:.0f} % of the squared error of the {d.unexplained['of']} that the model as "
+            "given predicts."
+        )
+    if not parts:
+        parts.append(
+            "Nothing is missing: the model predicts the recordings as well as the measurement noise allows."
+        )
+    if d.terms or (d.actuators is not None and d.actuators.fits):
+        parts.append(_gain(d))
+    return " ".join(parts)
+
+
+def _gain(d: Result) -> str:
+    """How much better held-out recordings are predicted."""
+    unit = error_unit(d)
+    if motion_is_given(d):
+        e = force_errors(d, held=True)
+        what, before, after, noise = "actuator force that the motion needs", e.before, e.after, e.floor
+    else:
+        what = f"motion over {d.held.windows.times.max():.2g} s"
+        before, after, noise = d.held.before.rms, d.held.after.rms, d.held.floor
+    return (
+        f"On recordings that were not used for fitting, the error of the predicted {what} falls from {before:.3g} to "
+        f"{after:.3g} {unit} ({times(before, after)} less; {beside_noise(after, noise, unit)})."
+    )
+
+
+def times(before: float, after: float) -> str:
+    """By how much an error became smaller: '12 times'."""
+    ratio = before / max(after, 1e-300)
+    return "more than 1000 times" if ratio > 1000 else f"{ratio:.3g} times"
+
+
+def beside_noise(after: float, noise: float, unit: str) -> str:
+    """What noise alone does, beside what is left: its estimate is not trusted beyond that (`FitReport.above`)."""
+    if noise >= 0.999 * after:
+        return "that is no more than measurement noise leaves"
+    return f"noise alone gives {noise:.2g} {unit}"
+
+
+def error_unit(d: Result) -> str:
+    """Unit of the errors: of positions over all joints together or, where the motion is given, of forces."""
+    m = d.prepared.model
+    measured = [
+        not all(np.isnan(s.recording.qpos[:, q]).all() for s in d.prepared.train_sources)
+        for q in m.jnt_qposadr
+    ]
+    kinds = set(m.jnt_type[measured].tolist())
+    if motion_is_given(d):
+        driven = [a for a in map(int, np.flatnonzero(d.prepared.measured)) if is_joint_transmission(m, a)]
+        kinds = {int(m.jnt_type[m.actuator_trnid[a, 0]]) for a in driven}
+        hinge = int(mujoco.mjtJoint.mjJNT_HINGE)
+        return "N and N m" if len(kinds) > 1 else ("N m" if kinds == {hinge} else "N")
+    if kinds <= {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL)}:
+        return "rad"
+    return "m" if kinds == {int(mujoco.mjtJoint.mjJNT_SLIDE)} else "rad and m"
+
+
+def unit_of_joint(d: Result, name: str) -> str:
+    """Unit of one joint's errors, or of the force of what drives it; `name` as in the table of joints."""
+    m, names = d.prepared.model, d.prepared.names
+    joint = name if name in names.joints else name.partition(":")[0]
+    if joint not in names.joints:
+        return error_unit(d)
+    j, dof = names.joints.index(joint), name.removeprefix(joint).removeprefix(":")
+    linear = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
+    if m.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
+        linear = not dof.isdecimal() or int(dof) - int(m.jnt_dofadr[j]) < 3
+    if motion_is_given(d):
+        return "N" if linear else "N m"
+    return "m" if linear else "rad"
+
+
+def _differing(d: Result, f: Fitted, term: Term) -> Term:
+    if term in f.hypothesis.terms:
+        return term
+    return next(t for t in f.hypothesis.terms if t not in d.terms)
+
+
+def separation(d: Result, term: Term, fits: list[Fitted]) -> str:
+    """The experiment that would tell the candidates apart."""
+    others = [_differing(d, f, term) for f in fits]
+    places = list(dict.fromkeys(t.place.name for t in others))
+    movable = all(t.place.kind in ("joint", "actuator", "body") for t in others)
+    if movable and len(places) > 1 and len({t.name for t in others}) == 1:
+        return f"move {' and '.join(places)} one at a time"
+    remedies = [t.effect.remedy for t in others]
+    unique = list(dict.fromkeys(r for r in remedies if r))
+    # one that says more says the other too
+    unique = [r for r in unique if not any(r != more and r in more for more in unique)]
+    return "; ".join(unique)[:600] or "move every joint over its whole range at several speeds"

@@ -1,0 +1,189 @@
+"""The contents of `diagnosis.json` and of `effects.json`."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.corrected.mjcf import NOMINAL, corrected_spec
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.intervals import number, parameters
+from mpge_jax.diagnosis.estimation.prediction_error import errors
+from mpge_jax.diagnosis.machine.model import is_joint_transmission
+from mpge_jax.diagnosis.report.force_errors import force_errors, motion_is_given
+from mpge_jax.diagnosis.report.sentences import error_unit, explanation, separation
+from mpge_jax.diagnosis.verdict.location import locate
+from mpge_jax.diagnosis.verdict.result import Result, candidates_of
+
+Array = np.ndarray
+
+
+def _effect(d: Result, f: Fitted, term: Term) -> dict[str, Any]:
+    return {"id": term.name, "at": term.place.name, "parameters": parameters(d.ctx, f, term)}
+
+
+def _set(d: Result, f: Fitted) -> list[dict[str, Any]]:
+    return [_effect(d, f, t) for t in f.hypothesis.terms]
+
+
+def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -> dict[str, Any]:
+    """The contents of `diagnosis.json`. experiment: what `next_experiment.design` found."""
+
+    ambiguous = candidates_of(d)
+    effects = []
+    for term in d.terms:
+        if term in ambiguous and d.verdict == "ambiguous":
+            continue
+        rivals = [
+            {
+                "id": r.term.name,
+                "at": r.term.place.name,
+                "held_out": _held_out(d, r.fit),
+                "why_not": r.why_not,
+            }
+            for r in d.rivals.get(term, [])[:5]
+        ]
+        effects.append(
+            {**_effect(d, d.fit, term), "error_drop": number(d.error_drop[term]), "rivals": rivals}
+        )
+    extra = d.actuators.effects if d.actuators is not None else []
+    verdict = d.verdict
+    return {
+        "schema": 1,
+        "verdict": verdict,
+        "effects": effects + extra,
+        "ambiguous": [
+            {
+                "candidates": [_set(d, f) for f in fits],
+                "separated_by": separation(d, term, fits),
+                "experiment": "next_experiment.npz" if experiment is not None else None,
+            }
+            for term, fits in ambiguous.items()
+        ],
+        "unexplained": None
+        if d.unexplained is None
+        else {k: x for k, x in d.unexplained.items() if k != "of"},
+        "location": [{"at": a, "kind": k, "excess": number(e)} for a, k, e in locate(d)],
+        "fit": {
+            "unit": error_unit(d),
+            "window_s": number(_window(d)),
+            "train": _fit(d, held=False),
+            "held_out": {**_fit(d, held=True), "per_joint": _per_joint(d)},
+        },
+        "explanation": explanation(d),
+        "warnings": d.warnings,
+        "seed": d.config.seed,
+        "versions": _versions(),
+    }
+
+
+def _window(d: Result) -> float:
+    """Length of the windows of the errors; rows seldom fall on its end."""
+    longest = float(d.held.windows.times.max())
+    return d.config.report_s if abs(longest - d.config.report_s) < 0.05 * d.config.report_s else longest
+
+
+def _held_out(d: Result, f: Fitted) -> float | None:
+    """Held-out error of another fit, of which only the search's windows decided the parameters; null where the errors
+    are those of forces and `f` does not let them be computed."""
+    if not motion_is_given(d):
+        return number(errors(d.prepared.sim, f, d.held.windows).rms)
+    other = replace(d, fit=f)
+    return number(force_errors(other, held=True).after) if motion_is_given(other) else None
+
+
+def _fit(d: Result, held: bool) -> dict[str, Any]:
+    sources = d.prepared.held_sources if held else d.prepared.train_sources
+    if motion_is_given(d):
+        e = force_errors(d, held)
+        before, after, noise = e.before, e.after, e.floor
+    else:
+        r = d.held if held else d.train
+        before, after, noise = r.before.rms, r.after.rms, r.floor
+    return {
+        "recordings": [s.recording.name for s in sources],
+        "before": number(before),
+        "after": number(after),
+        "noise_floor": number(noise),
+    }
+
+
+def _per_joint(d: Result) -> dict[str, list[float | None]]:
+    """Held-out errors (before, after) by joint; where forces are predicted, by the joint that each actuator drives."""
+    m, names = d.prepared.model, d.prepared.names
+    out: dict[str, list[float | None]] = {}
+    if motion_is_given(d):
+        e = force_errors(d, held=True)
+        for a in map(int, np.flatnonzero(d.prepared.measured)):
+            direct = is_joint_transmission(m, a)
+            name = names.joints[int(m.actuator_trnid[a, 0])] if direct else names.actuators[a]
+            key = name if name not in out else f"{name}:{names.actuators[a]}"
+            out[key] = [number(e.each_before[a]), number(e.each_after[a])]
+        return out
+    r = d.held
+    for dof in range(m.nv):
+        if np.isnan(r.before.joint[dof]):
+            continue
+        name = names.joint_of_dof(m, dof)
+        key = name if name not in out else f"{name}:{dof}"
+        out[key] = [number(r.before.joint[dof]), number(r.after.joint[dof])]
+    return out
+
+
+def _versions() -> dict[str, str]:
+    from importlib.metadata import PackageNotFoundError, version
+
+    out = {"python": platform.python_version()}
+    for package in ("mpge_jax", "mujoco", "numpy", "scipy", "jax"):
+        try:
+            out[package] = version(package)
+        except PackageNotFoundError:
+            out[package] = _source_version() if package == "mpge_jax" else "unknown"
+    return out
+
+
+def _source_version() -> str:
+    """The version that `pyproject.toml` states, for a checkout that runs without being installed."""
+    import tomllib
+
+    try:
+        text = (Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8")
+        return str(tomllib.loads(text)["project"]["version"])
+    except (OSError, KeyError, tomllib.TOMLDecodeError):
+        return "unknown"
+
+
+def effects_table(d: Result) -> dict[str, Any]:
+    """The contents of `effects.json`: the nominal model, and every effect to add to it, native or not."""
+
+    _, native = corrected_spec(d)
+    rows = []
+    for term in d.terms:
+        part = d.fit.hypothesis.slices(d.ctx)[d.terms.index(term)]
+        values = term.effect.report(d.ctx, term.place, d.fit.theta[part])
+        rows.append(
+            {
+                "id": term.name,
+                "form": term.id,
+                "at": term.place.name,
+                "kind": term.place.kind,
+                "parameters": {k: _exact(v) for k, v in values.items()},
+                "native": native[term],
+            }
+        )
+    if d.actuators is not None:
+        has = {(t.id, t.place.name): ok for t, ok in native.items()}
+        rows += [{**row, "native": has[row["form"], row["at"]]} for row in d.actuators.table]
+    # the nominal model: `corrected.xml` holds the native effects already
+    return {"schema": 1, "model": NOMINAL, "effects": rows}
+
+
+def _exact(value: Any) -> Any:
+    value = np.asarray(value, dtype=float)
+    return float(value) if value.ndim == 0 else [float(v) for v in value]

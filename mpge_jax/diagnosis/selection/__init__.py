@@ -1,0 +1,1 @@
+"""The search for effects: forward, backward, and against its alternatives."""

@@ -1,0 +1,105 @@
+"""Machines that lack something in every joint: friction, damping and rotor inertia everywhere at once, then fewer.
+
+A forward search adds one effect at a time, so that on an arm of many joints the first ones stand for what is missing
+elsewhere (a delay for friction and rotor inertia behind a servo). Where the search has found several effects and the
+rest is still more than noise, the opposite direction is tried: all of the plain effects of joints, fitted together, and
+those that the data do not show taken away.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
+from mpge_jax.diagnosis.estimation.screening import ELABORATE
+from mpge_jax.diagnosis.evidence.scored import clearly_worse
+from mpge_jax.diagnosis.selection.competition import at_noise
+from mpge_jax.diagnosis.selection.criteria import NAMED, accept, needed, strength
+from mpge_jax.diagnosis.selection.search_state import Search
+
+PLAIN = ("coulomb_friction", "armature", "viscous_damping")
+AFTER = 3
+"""Effects that the forward search has found before the other direction is tried."""
+TOGETHER = 2
+"""Plain effects of joints that it has found, at which that is tried before the search ends."""
+HALF = 0.5
+"""Share of the loss that may remain where something that was found is given up."""
+PASSES = 5
+"""Fits under the hypothesis's own whitening at most, with terms taken away before each."""
+
+
+def everywhere(s: Search, current: Fitted) -> Fitted:
+    """`current`, or a hypothesis with plain effects in every joint that predicts held-out windows clearly better."""
+    # where a motor bounces in its gap, the rest is more than noise though nothing is missing
+    if current.hypothesis.rugged or at_noise(s, current, s.whiten_one(current, s.train)):
+        return current
+    starts = [f for keep in (False, True) if (f := _with_all(s, current, keep)) is not None]
+    if not starts:
+        return current
+    s.looked = True
+    s.say("trying friction, damping and rotor inertia in every joint")
+    white = s.whiten_one(current, s.train)
+    fits = fit(s.sim, starts, s.train, white, iterations=8)
+    for number in range(PASSES):
+        known = [f.hypothesis for f in fits]
+        fits = [f for f in (_without_weak(s, f) for f in fits) if f.hypothesis.terms]
+        if not fits:
+            return current
+        if number and known == [f.hypothesis for f in fits]:
+            break
+        white = s.whiten_one(min(fits, key=lambda f: f.loss), s.train)
+        fits = fit(s.sim, fits, s.train, white, iterations=5)
+    whites = s.whiten(min(fits, key=lambda f: f.loss))
+    old = fit(s.sim, [current], s.train, whites[0], iterations=4)[0]
+    *scored, before = s.score([*fits, old], whites)
+    best = min(scored, key=lambda r: r.losses.mean())
+    chosen = min((r for r in scored if not clearly_worse(r, best)), key=lambda r: r.complexity)
+    s.log.append(
+        f"everywhere: base {before.losses.mean():.3f}; "
+        + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in scored)
+    )
+    more = set(current.hypothesis.terms) <= set(chosen.fit.hypothesis.terms)
+    better = accept(s, chosen, before) if more else chosen.losses.mean() < HALF * before.losses.mean()
+    fits_in = len(chosen.fit.hypothesis.terms) <= s.max_terms
+    return chosen.fit if better and fits_in and needed(chosen, before) else current
+
+
+def drives_lack(f: Fitted) -> bool:
+    """Whether so many plain effects of joints were found that other joints may lack them too."""
+    return sum(t.id in PLAIN and t.place.kind == "joint" for t in f.hypothesis.terms) >= TOGETHER
+
+
+def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
+    """`current` with every plain effect of joints added; unless `keep`, without its effects of timing and its elaborate
+    laws of friction, for which plain effects may have been mistaken. None where that adds or keeps nothing."""
+    ctx = s.sim.ctx
+    parts = dict(current.hypothesis.split(ctx, current.theta))
+    doubtful = {t for t in parts if t.id in ELABORATE or any(p.unit == "s" for p in t.params(ctx))}
+    if keep and not doubtful:
+        return None
+    hypothesis = Hypothesis.of(*(t for t in parts if keep or t not in doubtful))
+    known = len(hypothesis.terms)
+    for term in s.terms:
+        if term.id in PLAIN and term.place.kind == "joint" and compatible(hypothesis, term):
+            hypothesis = hypothesis.with_term(term)
+            parts[term] = np.asarray(term.effect.starts(ctx, term.place))[0]
+    if len(hypothesis.terms) == known:
+        return None
+    theta = hypothesis.gather(ctx, parts)
+    return Fitted(hypothesis, theta, theta.copy())
+
+
+def _without_weak(s: Search, f: Fitted) -> Fitted:
+    """`f` less the weaker half of the terms that the data do not tell from null (what one of two
+    like effects explains, the other must be free to take over)."""
+    size = strength(s, f)
+    weak = sorted((t for t in size if size[t] < NAMED), key=lambda t: size[t])
+    gone = set(weak[: (len(weak) + 1) // 2])
+    if not gone:
+        return f
+    h = Hypothesis.of(*(t for t in f.hypothesis.terms if t not in gone))
+    parts, centres = (f.hypothesis.split(s.sim.ctx, x) for x in (f.theta, f.centre))
+    return Fitted(h, h.gather(s.sim.ctx, parts), h.gather(s.sim.ctx, centres), f.loss)

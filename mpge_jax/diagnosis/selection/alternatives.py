@@ -1,0 +1,210 @@
+"""Alternatives to each chosen effect: why they lost, and which of them the data cannot tell apart."""
+
+from __future__ import annotations
+
+from mpge_jax.diagnosis.effects.base import Context, Place
+from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
+from mpge_jax.diagnosis.estimation.screening import at_torque
+from mpge_jax.diagnosis.estimation.whitening import Whitener
+from mpge_jax.diagnosis.evidence.paired_gains import EVIDENCE, standard_error
+from mpge_jax.diagnosis.evidence.rigid_equivalence import same_body
+from mpge_jax.diagnosis.evidence.scored import TIE, Rival, Scored, hopeful, misses
+from mpge_jax.diagnosis.machine.model import is_joint_transmission
+from mpge_jax.diagnosis.selection.competition import KEEP_OF_MANY, SETTLED
+from mpge_jax.diagnosis.selection.criteria import SIGNIFICANT, named
+from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation.windows import Windows
+
+SPECIAL_CASES = {
+    "coulomb_friction": (
+        "stribeck_friction",
+        "load_dependent_friction",
+        "load_dependent_friction:gear",
+        "asymmetric_friction",
+    ),
+    "viscous_damping": ("asymmetric_friction",),
+    "viscous_damping:explicit": ("asymmetric_friction",),
+    "dead_actuator": (
+        "actuator_gain",
+        "actuator_gain:limited",
+        "torque_saturation",
+        "actuator_deadzone",
+        "actuator_deadzone:limited",
+    ),
+}
+"""Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
+PLAIN_LAWS = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
+RICHER = 2
+"""Elaborate laws in place of one plain one that are fitted to all windows."""
+
+
+def find_rivals(
+    s: Search, best: Scored, whites: tuple[Whitener, Whitener], known: list[Scored], keep: int = 6
+) -> dict[Term, list[Rival]]:
+    """Rivals of every term, nearest first. Beside many effects, only what acts at the same joint is weighed against
+    each: what acts elsewhere was compared while they were chosen.
+
+    Args:
+        best: the chosen fit, scored under `whites`. known: fits of single effects from the search, reused where
+            the chosen hypothesis has one term.
+    """
+    out: dict[Term, list[Rival]] = {}
+    ctx = s.sim.ctx
+    terms = best.fit.hypothesis.terms
+    many = s.brief(best.fit.hypothesis)
+    keep = KEEP_OF_MANY if many else keep
+    sample = s.sample(best.fit, whites[0])
+    for term in terms:
+        s.say(f"weighing alternatives to {term}")
+        base_h = best.fit.hypothesis.without(term)
+        parts = best.fit.hypothesis.split(ctx, best.fit.theta)
+        base = Fitted(base_h, base_h.gather(ctx, parts), base_h.gather(ctx, parts))
+        # Screened anew: the search drops what looks like a better one of its group, as a rival does.
+        candidates = [t for t in s.terms if not _same(t, term) and compatible(base_h, t)]
+        if many:
+            here = _joints(ctx, term.place)
+            candidates = [t for t in candidates if here & _joints(ctx, t.place)]
+        screened = s.screened(base, whites[0], candidates)
+        fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
+        pool = [fitted.get(r.hypothesis, r) for r in screened[:keep]]
+        fits = fit(s.sim, pool, *sample, iterations=2)
+        if fits:
+            # what comes near is judged on all windows, so it is fitted to them
+            near = hopeful(fits, evaluate(s.sim, [base], *sample)[0].loss)
+            if many:
+                near = [f for f in near if not _contains(f, base_h, term)][:1]
+            nearest = {f.hypothesis for f in near}
+            far = [f for f in fits if f.hypothesis not in nearest]
+            fits = [*fit(s.sim, near, s.train, whites[0], iterations=1 if many else 3), *far]
+        if term.id in PLAIN_LAWS and (best.losses.mean() > SETTLED or best.factor > 1.0):
+            fits += _richer(s, best, whites[0], sample, term)
+        rivals = []
+        for r in s.score(fits, whites):
+            other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
+            if other is not None:
+                rivals.append(_compare(s, best, term, r, other))
+        out[term] = _one_each(_seen_from_itself(s, best, term, sorted(rivals, key=lambda r: r.margin)))
+    return out
+
+
+def _seen_from_itself(s: Search, best: Scored, term: Term, rivals: list[Rival]) -> list[Rival]:
+    """The same, with the leading rival, if it is not clearly better, compared under its own whitening: around a
+    hypothesis that misses what it explains, sigma is enlarged, and starts take up the rest."""
+    lead = next(
+        (r for r in rivals if r.margin < -TIE and named(s, r.fit, best.fit.hypothesis.without(term))), None
+    )
+    if lead is None or lead.better:
+        return rivals
+    whites = s.whiten(lead.fit)
+    old, new = fit(s.sim, [best.fit, lead.fit], s.train, whites[0], iterations=3)
+    if new.loss > old.loss:
+        return rivals
+    scored = s.score([old, new], whites)
+    again = _compare(s, scored[0], term, scored[1], lead.term)
+    return [again if r is lead else r for r in rivals] if again.better else rivals
+
+
+def _richer(
+    s: Search, best: Scored, white: Whitener, sample: tuple[Windows, Whitener], term: Term
+) -> list[Fitted]:
+    """The elaborate laws of friction that contain a plain one, fitted from where the latter stands: beside other
+    effects, and through contacts, generic starts do not lead there."""
+    ctx, without = s.sim.ctx, best.fit.hypothesis.without(term)
+    parts = best.fit.hypothesis.split(ctx, best.fit.theta)
+    torque = float(parts[term][0]) if term.id == "coulomb_friction" else 0.0
+    starts = []
+    for form in (Term(i, term.place) for i in SPECIAL_CASES[term.id]):
+        if form not in s.terms or not compatible(without, form):
+            continue
+        h = without.with_term(form)
+        for start in at_torque(form.effect.starts(ctx, form.place), form, ctx, torque):
+            theta = h.gather(ctx, {**parts, form: start})
+            starts.append(Fitted(h, theta, theta))
+    best_of: dict[Hypothesis, Fitted] = {}
+    for f in fit(s.sim, starts, *sample, iterations=4):
+        if f.hypothesis not in best_of or f.loss < best_of[f.hypothesis].loss:
+            best_of[f.hypothesis] = f
+    promising = sorted(best_of.values(), key=lambda f: f.loss)[:RICHER]
+    return fit(s.sim, promising, s.train, white, iterations=4)
+
+
+def _same(a: Term, b: Term) -> bool:
+    """Whether two terms are forms of one effect at one place."""
+    return (a.name, a.place) == (b.name, b.place)
+
+
+def _contains(f: Fitted, without: Hypothesis, term: Term) -> bool:
+    """Whether a rival has `term` as a special case: it always fits as well, and is none to choose."""
+    special = SPECIAL_CASES.get(term.id, ())
+    return any(
+        t.place == term.place and t.id in special for t in f.hypothesis.terms if t not in without.terms
+    )
+
+
+def _joints(ctx: Context, place: Place) -> set[int]:
+    """Joints at which something at `place` acts first; all, where that is not one joint's or one body's matter."""
+    m = ctx.model
+    if place.kind == "joint":
+        return {place.index}
+    if place.kind == "actuator":
+        direct = is_joint_transmission(m, place.index)
+        return {int(m.actuator_trnid[place.index, 0])} if direct else set(range(m.njnt))
+    if place.kind == "world":
+        return set(range(m.njnt))
+    body = int(m.body_weldid[int(m.geom_bodyid[place.index]) if place.kind == "geom" else place.index])
+    first = int(m.body_jntadr[body])
+    return set(range(first, first + int(m.body_jntnum[body]))) or set(range(m.njnt))
+
+
+def better_rival(rivals: dict[Term, list[Rival]]) -> Rival | None:
+    """The alternative that predicts clearly better than the term that it would replace, if there is one.
+
+    Effects are added one at a time, so an early one may stand for another that shows only beside later ones (rotor
+    inertia for a payload, before friction is known).
+    """
+    found = [r for rs in rivals.values() for r in rs if r.better]
+    return min(found, key=lambda r: r.margin, default=None)
+
+
+def _one_each(rivals: list[Rival]) -> list[Rival]:
+    """The best form of every effect at its place; the forms of an effect are reported under one name."""
+    best: dict[tuple[str, Place], Rival] = {}
+    for r in rivals:
+        key = (r.term.name, r.term.place)
+        if key not in best or (r.tied and not best[key].tied):
+            best[key] = r
+    return sorted(best.values(), key=lambda r: r.margin)
+
+
+def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) -> Rival:
+    d = rival.losses - best.losses
+    margin, error = float(d.mean()), standard_error(d)
+    told_apart = named(s, rival.fit, best.fit.hypothesis.without(term))
+    if told_apart and margin < -max(SIGNIFICANT * error, TIE) and (best.held - rival.held).sum() > EVIDENCE:
+        return Rival(other, rival.fit, margin, error, "it predicts better, but less simply", better=True)
+    if margin > max(2.0 * error, TIE):
+        return Rival(
+            other, rival.fit, margin, error, f"it predicts worse, by {margin / error:.0f} standard errors"
+        )
+    if misses(rival, best):
+        return Rival(
+            other, rival.fit, margin, error, "it misses the few moments at which something is missing"
+        )
+    if same_body(s.sim.ctx, term, other):
+        return Rival(other, rival.fit, margin, error, "it is the same rigid body under another name")
+    if _contains(rival.fit, best.fit.hypothesis.without(term), term):
+        why = f"it contains {term.name.replace('_', ' ')} as a special case and gains nothing by its further parameters"
+        return Rival(other, rival.fit, margin, error, why)
+    if other.effect.tier > term.effect.tier:
+        why = "it fits as well, but is the less direct explanation"
+        return Rival(other, rival.fit, margin, error, why)
+    if not told_apart:
+        return Rival(other, rival.fit, margin, error, "the data do not determine its parameters")
+    # an added mass is the commonest change of all: it stays in the running with one direction more
+    extra = 1 if other.name == "payload_mass" else 0
+    if rival.directions > best.directions + extra:
+        return Rival(other, rival.fit, margin, error, "it needs more free parameters for the same fit")
+    return Rival(other, rival.fit, margin, error, "the data cannot tell the two apart", tied=True)

@@ -1,0 +1,118 @@
+"""After the search: terms that are not needed go, and the rest is fitted until it stands still."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.drive import Drive
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit, gauss_newton_shift, timing_error
+from mpge_jax.diagnosis.estimation.screening import ELABORATE
+from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, Whitener, numerics, whitener
+from mpge_jax.diagnosis.selection.criteria import SIGNIFICANT, SMALL, needed, share, strength
+from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.windows import Windows
+
+Array = np.ndarray
+WEAKEST = 6
+"""Terms that are tried without at a time: those that the data determine worst."""
+
+
+def prune(s: Search, current: Fitted) -> Fitted:
+    """Remove or simplify, one at a time, effects without which held-out windows are predicted as well."""
+    while current.hypothesis.terms:
+        if not _simpler(s, current):
+            return current
+        whites = s.whiten(current)
+        current = fit(s.sim, [current], s.train, whites[0], iterations=3)[0]
+        smaller = fit(s.sim, _simpler(s, current), s.train, whites[0], iterations=4)
+        scored = s.score([*smaller, current], whites)
+        weakest = min(scored[:-1], key=lambda r: r.losses.mean())
+        # what was once accepted needs less to stay
+        if needed(scored[-1], weakest, doubt=0.6 * SIGNIFICANT) and share(s, current, weakest.fit) > SMALL:
+            return current
+        s.log.append(f"removed: {current.hypothesis} -> {weakest.fit.hypothesis}")
+        current = weakest.fit
+    return current
+
+
+def _simpler(s: Search, current: Fitted) -> list[Fitted]:
+    """The hypothesis without each of several terms, and with the plain form of each elaborate friction."""
+    ctx = s.sim.ctx
+    deviations = strength(s, current)
+    weakest = sorted(deviations, key=lambda t: deviations[t])[:WEAKEST]
+    parts = current.hypothesis.split(ctx, current.theta)
+    centres = current.hypothesis.split(ctx, current.centre)
+    out = []
+    for t in (t for t in current.hypothesis.terms if t in weakest):
+        h = current.hypothesis.without(t)
+        if h.terms:
+            out.append(Fitted(h, h.gather(ctx, parts), h.gather(ctx, centres)))
+        plain = Term("coulomb_friction", t.place)
+        if t.id in ELABORATE and plain in s.terms and compatible(h, plain):
+            start = {plain: np.array([max(float(parts[t][0]), plain.params(ctx)[0].scale)])}
+            h = h.with_term(plain)
+            out.append(Fitted(h, h.gather(ctx, {**parts, **start}), h.gather(ctx, {**centres, **start})))
+    return out
+
+
+def final_fit(s: Search, current: Fitted) -> tuple[Fitted, tuple[Whitener, Whitener]]:
+    """Refit under the hypothesis's own whitening until it stands still."""
+    for _ in range(2):
+        whites = s.whiten(current)
+        if not current.theta.size:
+            break
+        current = fit(s.sim, [current], s.train, whites[0], iterations=6, tolerance=1e-5)[0]
+    whites = s.whiten(current)
+    return with_timestep_error(s, current, s.train), whites
+
+
+def refined(s: Search, f: Fitted, w: Windows) -> Fitted:
+    """`f` with the parameters that longer windows `w` determine, and what the two kinds disagree in.
+
+    What is wrong with a window's first state, or with the model, pulls parameters the less the longer the window is:
+    the difference from the decision's windows is a bias, but for the variance by which the shorter ones know less (the
+    recordings are the same). Of it the longer ones keep a part, taken as a third (it falls between the first and
+    second power of the length).
+    """
+    if not f.theta.size or not w.count:
+        return f
+    shorter = fit(s.sim, [f], s.train, s.whiten_one(f, s.train), iterations=0)[0]
+    longer = fit(s.sim, [f], w, s.whiten_one(f, w), iterations=6, tolerance=1e-4)[0]
+    less = np.maximum(np.diag(shorter.cov) - np.diag(longer.cov), 0.0)
+    bias = np.sqrt(np.maximum((longer.theta - f.theta) ** 2 - less, 0.0)) / 3.0
+    longer = with_timestep_error(s, longer, w)
+    return replace(longer, cov=_widened(longer.cov, bias))
+
+
+def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
+    """Add to the covariance what the timestep may do to the parameters.
+
+    Times carry `timing_error`. What else machines do otherwise than the model's steps (`numerics`) the fit's whitening
+    sees past, and its covariance has lost what that takes away; but a motor that moves by itself within a timestep does
+    so otherwise than the links, and beside one the parameters carry their shifts by each of those changes too (one
+    Gauss-Newton step under a whitening that does not see past them).
+    """
+    if not f.theta.size or not f.cov.size:
+        return f
+    shift = timing_error(f.hypothesis.params(s.sim.ctx), f.theta, w.dt)
+    if any(isinstance(t.effect, Drive) for t in f.hypothesis.terms):
+        white = whitener(s.sim, f.hypothesis, f.theta, w, s.noise)
+        residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
+        for what, change in numerics(s.sim, f.hypothesis, f.theta, w).items():
+            if what != INTEGRATOR:
+                moved = white(residual + change)
+                shift = np.hypot(shift, gauss_newton_shift(s.sim, f, w, white, moved))
+    return replace(f, cov=_widened(f.cov, shift))
+
+
+def _widened(cov: Array, error: Array) -> Array:
+    """A covariance [p, p] whose deviations hold further errors [p] too, with its correlations."""
+    deviation = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    widths = np.where(deviation > 0, np.hypot(deviation, error) / np.maximum(deviation, 1e-300), 1.0)
+    return cov * widths[:, None] * widths[None, :]

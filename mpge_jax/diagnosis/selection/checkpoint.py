@@ -1,0 +1,86 @@
+"""Keep the state of a search in a file, so that an interrupted diagnosis goes on where it was, to the same result."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mpge_jax import files
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.base import Context
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted, nothing
+from mpge_jax.diagnosis.evidence.scored import Reached, Scored
+from mpge_jax.diagnosis.selection.search_state import Search
+
+_FIT = ("theta", "centre", "information", "cov", "x")
+_Terms = Mapping[tuple[str, str, int], Term]
+
+
+def fingerprint(p: Prepared) -> str:
+    """Changes with the model, the recordings and the settings."""
+    digest = hashlib.sha256(repr(p.config).encode())
+    digest.update(p.spec.to_xml().encode())
+    for source in p.train_sources + p.held_sources:
+        r = source.recording
+        digest.update(r.name.encode())
+        for array in (r.time, r.qpos, r.qvel, source.command):
+            if array is not None:
+                digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def attach(s: Search, p: Prepared, path: Path) -> None:
+    """Resume the search from `path` where that belongs to the same question, and keep its progress there."""
+    mark = fingerprint(p)
+
+    def keep(r: Reached) -> None:
+        table = {"of": mark, "work": p.sim.work, "looked": s.looked, "fit": _fit_table(r.fit)}
+        table["last"], table["first"] = ([_scored_table(x) for x in ranked] for ranked in (r.last, r.first))
+        files.write_text(path, json.dumps(table))
+
+    s.keep = keep
+    terms = {(t.id, t.place.kind, t.place.index): t for t in s.terms}
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+        if table["of"] != mark:
+            return
+        last, first = (tuple(_scored(p.ctx, terms, x) for x in table[name]) for name in ("last", "first"))
+        reached = Reached(_fit(p.ctx, terms, table["fit"]), last, first)
+        p.sim.work, s.looked, s.resume = float(table["work"]), bool(table["looked"]), reached
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+
+
+def _fit_table(f: Fitted) -> dict[str, Any]:
+    terms = [{"id": t.id, "kind": t.place.kind, "index": t.place.index} for t in f.hypothesis.terms]
+    return {"terms": terms, "loss": f.loss, **{name: getattr(f, name).tolist() for name in _FIT}}
+
+
+def _fit(ctx: Context, terms: _Terms, table: dict[str, Any]) -> Fitted:
+    """Raises KeyError or ValueError where a version kept it whose effects had other names or parameters."""
+    hypothesis = Hypothesis.of(*(terms[t["id"], t["kind"], t["index"]] for t in table["terms"]))
+    arrays = {name: np.array(table[name], dtype=float) for name in _FIT}
+    size = len(hypothesis.params(ctx))
+    if not arrays["theta"].shape == arrays["centre"].shape == (size,):
+        raise ValueError("other parameters")
+    for name in ("information", "cov"):
+        # an empty list does not tell that it was a table
+        arrays[name] = arrays[name] if arrays[name].size else nothing()
+    return Fitted(hypothesis, loss=float(table["loss"]), **arrays)
+
+
+def _scored_table(r: Scored) -> dict[str, Any]:
+    table: dict[str, Any] = {"directions": r.directions, "tier": r.tier, "factor": r.factor}
+    return {"fit": _fit_table(r.fit), "train": r.train.tolist(), "held": r.held.tolist(), **table}
+
+
+def _scored(ctx: Context, terms: _Terms, table: dict[str, Any]) -> Scored:
+    train, held = (np.array(table[name], dtype=float) for name in ("train", "held"))
+    directions, tier = int(table["directions"]), int(table["tier"])
+    return Scored(_fit(ctx, terms, table["fit"]), train, held, directions, tier, float(table["factor"]))

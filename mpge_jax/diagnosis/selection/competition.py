@@ -1,0 +1,110 @@
+"""Candidates against each other: screened, fitted, and each judged under the winner's own whitening."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
+from mpge_jax.diagnosis.estimation.screening import screen
+from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
+from mpge_jax.diagnosis.evidence.paired_gains import SEVERAL, stand_out
+from mpge_jax.diagnosis.evidence.rigid_equivalence import one_of_each
+from mpge_jax.diagnosis.evidence.scored import Scored, hopeful, with_simpler
+from mpge_jax.diagnosis.selection.remainder import remainder
+from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
+
+KEEP, KEEP_OF_MANY = 7, 3
+"""Candidates that are fitted properly after screening, and beside `MANY` terms."""
+HOPELESS = 0.06
+"""Share of the loss that a second effect must take away in screening to be looked at further."""
+LOUD = 1.5
+"""Mean loss at one degree of freedom beyond which something may be missing there."""
+QUIET, SETTLED = 1.1, 1.25
+"""Mean loss of a model from which nothing is missing, as given and with effects that were found (whose law is never
+exact to the noise). It leaves too little for an effect to be `needed`."""
+
+
+def compete(s: Search, base: Fitted, terms: list[Term], keep: int = KEEP) -> tuple[list[Scored], Scored]:
+    """Fit the most promising `terms` on top of `base`, each judged under the winner's own whitening.
+
+    Returns the scored candidates, best first by plain loss, and the base scored in the same way.
+    """
+    white = s.whiten_one(base, s.train)
+    if at_noise(s, base, white):
+        return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
+    terms = [t for t in terms if compatible(base.hypothesis, t)]
+    sample = s.sample(base, white)
+    screened = one_of_each(s.sim.ctx, screen(s.sim, base, terms, *sample))
+    before = evaluate(s.sim, [base], *sample)[0].loss
+    if base.hypothesis.terms and (not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)):
+        return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
+    many = s.brief(base.hypothesis)
+    keep = KEEP_OF_MANY if many else keep
+    fits = hopeful(fit(s.sim, with_simpler(screened, keep), *sample, iterations=4), before)
+    winner = None
+    for _ in range(1 if many else 2):
+        if not fits or fits[0].hypothesis == winner:
+            break
+        winner = fits[0].hypothesis
+        white = s.whiten_one(fits[0], s.train)
+        fits = fit(s.sim, with_simpler(fits, max(keep - 2, 2)), s.train, white, iterations=4)
+        fits.sort(key=lambda f: f.loss)
+    if not fits:
+        return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
+    whites = white, s.whiten_one(fits[0], s.held, white.factor)
+    scored = s.score([*fits, freed(s, base, fits, white)], whites)
+    ranked = sorted(scored[:-1], key=lambda r: r.losses.mean())
+    return ranked, scored[-1]
+
+
+def at_noise(s: Search, base: Fitted, white: Whitener) -> bool:
+    """Whether training (under `white`) and held-out windows show nothing but noise, and none stands out."""
+    outlying = 0
+    for w in (s.train, s.held):
+        white = white if w is s.train else s.whiten_one(base, w)
+        flat = white(s.sim.residuals([Run(base.hypothesis, base.theta)], w))[0]
+        x, limit = white.excess(flat), SETTLED if base.hypothesis.terms else QUIET
+        # in a large machine, what one joint lacks drowns in the mean over all
+        if not base.hypothesis.terms:
+            each = robust_loss(white.by_dof(flat, s.sim.model.nv)).mean(0)
+            if each.max() > LOUD:
+                return _at_floor(s, base)
+        outlying += int(stand_out(robust_loss(x)).sum())
+        # a tempered whitener, or an overestimated noise, says nothing
+        little = np.median(x) < 0.5 and not white.inexact
+        if white.factor != 1.0 or little or robust_loss(x).mean() > limit:
+            return _at_floor(s, base)
+    return outlying < SEVERAL or _at_floor(s, base)
+
+
+def _at_floor(s: Search, base: Fitted) -> bool:
+    """Whether `base` leaves no more than it would if it were true. Of the model as given that is asked with
+    contacts alone, and where chance leaves much: there a wrong effect finds something to explain."""
+    nominal = not base.hypothesis.terms
+    if s.floor is None or (nominal and not s.sim.ctx.contacts):
+        return False
+    floor = s.floor(base)
+    if nominal and floor.loss < SETTLED:
+        return False
+    return remainder(s, base, floor, thorough=False) is None
+
+
+def freed(s: Search, base: Fitted, fits: list[Fitted], white: Whitener) -> Fitted:
+    """`base`, or a better fit of its own terms to which a further term led out of a local minimum."""
+    if not base.theta.size or s.brief(base.hypothesis):
+        return base
+    ctx, terms = s.sim.ctx, base.hypothesis.terms
+    starts = [base]
+    for f in fits[:3]:
+        if set(terms) <= set(f.hypothesis.terms):
+            parts = f.hypothesis.split(ctx, f.theta)
+            starts.append(replace(base, theta=base.hypothesis.gather(ctx, parts)))
+    again = fit(s.sim, starts, s.train, white, iterations=4)
+    best = min(again[1:], key=lambda f: f.loss, default=base)
+    return best if best.loss < 0.5 * again[0].loss else base

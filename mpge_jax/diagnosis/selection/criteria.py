@@ -1,0 +1,103 @@
+"""Which candidate is chosen, and whether its terms are needed."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.evidence.paired_gains import EVIDENCE, deviations, strong
+from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, misses
+from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
+
+SIGNIFICANT = 3.0
+"""Standard errors by which an effect must improve windows that it was not fitted to."""
+SMALL = 0.02
+"""Share of the nominal error by which a further effect must move predictions; less is detail of what is known
+(friction law, timestep, integrator), which a wrong effect can imitate."""
+NAMED = 4.0
+"""Deviations by which a contrast must differ from its value at null."""
+STEPS = 0.75
+"""Timesteps that a delay or time constant lasts at least, unless it halves the loss: a semi-implicit step acts half a
+step early, which another integrator or a finer timestep behind the recordings does not."""
+
+
+def choose(s: Search, ranked: list[Scored], without: Hypothesis = Hypothesis()) -> Scored:  # noqa: B008
+    """The simplest candidate within two standard errors of the best, of those whose new terms are `named`."""
+    ranked = [r for r in ranked if named(s, r.fit, without)] or ranked
+    tied = [r for r in ranked if not clearly_worse(r, ranked[0])]
+    return min(tied, key=lambda r: (*r.complexity, r.losses.mean()))
+
+
+def accept(s: Search, new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
+    """Whether the new terms improve held-out windows beyond doubt, and their parameters differ from null."""
+    first = not old.fit.hypothesis.terms
+    return (
+        needed(new, old, doubt)
+        and named(s, new.fit, old.fit.hypothesis)
+        and (first or share(s, new.fit, old.fit) > SMALL)
+        and (lasts(s, new.fit, old.fit.hypothesis) or bool(2.0 * new.held.mean() < old.held.mean()))
+    )
+
+
+def lasts(s: Search, f: Fitted, without: Hypothesis) -> bool:
+    """Whether no added term is a mere delay, or lag, of less than a timestep."""
+    ctx = s.sim.ctx
+    for term, theta in f.hypothesis.split(ctx, f.theta).items():
+        params, naming = term.effect.params(ctx, term.place), term.effect.naming(ctx, term.place)
+        times = [theta[i] for i in naming if params[i].unit == "s"]
+        if term not in without.terms and times and max(times) < STEPS * ctx.model.opt.timestep:
+            return False
+    return True
+
+
+def needed(new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
+    """Whether held-out windows are predicted better with the terms that `new` has and `old` lacks."""
+    gain, total = old.held - new.held, old.losses - new.losses
+    # the first effect must not be an accident; beside one, held-out windows are dominated by what is still missing
+    first = not old.fit.hypothesis.terms
+    beyond = deviations(gain) > (doubt if first else 0.6 * doubt) and deviations(total) > doubt
+    if misses(old, new):
+        return True
+    relevant = total.mean() > 0.05 * min(1.0, old.losses.mean())
+    return bool(relevant and ((beyond and gain.sum() > EVIDENCE) or strong(gain, total)))
+
+
+def share(s: Search, new: Fitted, old: Fitted) -> float:
+    """How far `new` moves the predictions of `old`, over the nominal model's error, at the joint where most."""
+    nv = s.sim.model.nv
+    fits = (NOTHING, old, new)
+    res = s.sim.residuals([Run(f.hypothesis, f.theta) for f in fits], s.held)[..., :nv]
+    seen = np.isfinite(res).all(0)
+    nominal, before, after = np.where(seen, np.clip(res, -1e3, 1e3), 0.0)
+    change = np.sqrt(((after - before) ** 2).sum((0, 1)))
+    error = np.sqrt((nominal**2).sum((0, 1)))
+    return float(np.max(change / np.maximum(error, 1e-300), initial=0.0, where=error > 0))
+
+
+def named(s: Search, f: Fitted, without: Hypothesis = Hypothesis()) -> bool:  # noqa: B008
+    """Whether every added term differs clearly from what its effect vanishes in."""
+    return all(z >= NAMED for term, z in strength(s, f).items() if term not in without.terms)
+
+
+def strength(s: Search, f: Fitted) -> dict[Term, float]:
+    """By how many deviations each term's `contrasts`, together or the best by itself, differ from null."""
+    ctx, out = s.sim.ctx, {}
+    for term, part in zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True):
+        contrasts = term.effect.contrasts(ctx, term.place)
+        if not len(contrasts) or not f.cov.size:
+            out[term] = np.inf
+            continue
+        delta = contrasts @ (f.theta[part] - term.effect.null(ctx, term.place))
+        cov = contrasts @ f.cov[part, part] @ contrasts.T
+        deviation = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+        # of a wave, amplitude and phase may be known where neither of its two parts is
+        z = delta / deviation
+        correlation = cov / np.outer(deviation, deviation)
+        together = z @ np.linalg.pinv(correlation, rcond=1e-8, hermitian=True) @ z
+        # as unlikely as that many deviations of one number
+        alike = norm.isf(0.5 * chi2.sf(max(together, 0.0), len(z)))
+        out[term] = max(float(np.abs(z).max()), float(alike))
+    return out

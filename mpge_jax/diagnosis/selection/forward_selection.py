@@ -1,0 +1,155 @@
+"""Choose the effects: forward, one at a time, with a small beam at first and a look at all joints at once."""
+
+from __future__ import annotations
+
+import time
+
+from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
+from mpge_jax.diagnosis.evidence.paired_gains import deviations
+from mpge_jax.diagnosis.evidence.scored import Reached, Scored, family, with_simpler
+from mpge_jax.diagnosis.selection.all_joints import AFTER, drives_lack, everywhere
+from mpge_jax.diagnosis.selection.competition import compete
+from mpge_jax.diagnosis.selection.criteria import SIGNIFICANT, accept, choose, named
+from mpge_jax.diagnosis.selection.search_state import Search
+
+FAR = 2.5
+"""Loss above which the second effect is looked for beside several first ones."""
+REST = 2.0
+"""What a last round, the weighing of alternatives and the report take, in rounds that found an effect."""
+
+
+def search(s: Search) -> tuple[Fitted, list[Scored]]:
+    """Forward selection with a small beam in the first two rounds; returns the fit and the last round's field."""
+    current, last, first_round = s.resume.fit, list(s.resume.last), list(s.resume.first)
+
+    def keep() -> None:
+        s.keep(Reached(current, tuple(last), tuple(first_round)))
+
+    began, rounds = time.monotonic(), 0
+    while s.terms and len(current.hypothesis.terms) < s.max_terms:
+        depth = len(current.hypothesis.terms)
+        s.say(f"looking for effect {depth + 1}{_time_left(began, rounds)}")
+        rounds += 1
+        ranked, base = compete(s, current, s.terms)
+        current = base.fit
+        if not ranked:
+            wider = _wider(s, current)
+            if wider is current:
+                break
+            current = wider
+            keep()
+            continue
+        chosen = choose(s, ranked, current.hypothesis)
+        s.log.append(
+            f"round {depth + 1}: base {base.losses.mean():.3f}; "
+            + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:6])
+            + f" -> {chosen.fit.hypothesis}"
+        )
+        if not accept(s, chosen, base):
+            # where windows scatter widely, the simplest of those that tie may be one that explains nothing
+            chosen = next((r for r in ranked if named(s, r.fit, current.hypothesis)), chosen)
+            if not accept(s, chosen, base):
+                if (pair := _only_together(s, chosen, base)) is not None:
+                    chosen, last = pair
+                    current = chosen.fit
+                    keep()
+                    continue
+                last = last or ranked
+                wider = _wider(s, current)
+                if wider is current:
+                    break
+                current = wider
+                keep()
+                continue
+        last = ranked
+        if depth == 0:
+            first_round = ranked
+            alternatives = _beam(ranked, chosen)
+            if chosen.losses.mean() > FAR and len(alternatives) > 1:
+                current, last = _second_round(s, chosen, alternatives)
+                keep()
+                continue
+        current = chosen.fit
+        if depth + 1 == AFTER:
+            current = everywhere(s, current)
+        keep()
+    return current, last or first_round
+
+
+def _only_together(s: Search, chosen: Scored, base: Scored) -> tuple[Scored, list[Scored]] | None:
+    """A second effect beside a first one that by itself helps most windows, though not beyond doubt those that it was
+    not fitted to, as what is still missing dominates them: the two against nothing, with the pairs that were tried."""
+    gain = base.losses - chosen.losses
+    if base.fit.hypothesis.terms or not named(s, chosen.fit) or deviations(gain) < SIGNIFICANT:
+        return None
+    s.say(f"looking for effect 2 beside {chosen.fit.hypothesis}")
+    ranked, _ = compete(s, chosen.fit, s.terms)
+    if not ranked:
+        return None
+    pair = choose(s, ranked, chosen.fit.hypothesis)
+    now, nothing = s.score([pair.fit, NOTHING], s.whiten(pair.fit))
+    s.log.append(
+        f"together: nothing {nothing.losses.mean():.3f}; {pair.fit.hypothesis} {now.losses.mean():.3f}"
+    )
+    return (now, ranked) if accept(s, now, nothing) else None
+
+
+def _wider(s: Search, current: Fitted) -> Fitted:
+    """`current`, or what a look at all joints together finds where two plain effects of joints were found; once."""
+    return current if s.looked or not drives_lack(current) else everywhere(s, current)
+
+
+def _time_left(began: float, rounds: int) -> str:
+    """How long it takes if no further effect is found, judged by the rounds so far."""
+    if not rounds:
+        return ""
+    seconds = REST * (time.monotonic() - began) / rounds
+    return f" (if there is none, about {seconds:.0f} s are left)"
+
+
+def _beam(ranked: list[Scored], chosen: Scored, width: int = 3) -> list[Scored]:
+    """The chosen fit and the best ones of another kind or at another place."""
+
+    out, kinds = [chosen], {family(chosen.fit.hypothesis.terms[-1])}
+    for r in ranked:
+        kind = family(r.fit.hypothesis.terms[-1])
+        # a first effect that explains next to nothing is no start for a pair
+        if kind not in kinds and len(out) < width and r.losses.mean() < 3.0 * chosen.losses.mean():
+            out.append(r)
+            kinds.add(kind)
+    return out
+
+
+def _second_round(s: Search, chosen: Scored, beam: list[Scored]) -> tuple[Fitted, list[Scored]]:
+    """Second effects on top of each of the best first ones; the best pair if a pair is needed, else the first."""
+    pairs: dict[Hypothesis, Fitted] = {}
+    for b in beam:
+        s.say(f"looking for effect 2 beside {b.fit.hypothesis}")
+        white = s.whiten(b.fit)[0]
+        screened = s.screened(b.fit, white, [t for t in s.terms if compatible(b.fit.hypothesis, t)])
+        for f in with_simpler(screened, 4):
+            old = pairs.get(f.hypothesis)
+            if old is None or f.loss < old.loss:
+                pairs[f.hypothesis] = f
+    if not pairs:
+        return chosen.fit, [chosen]
+    fits = sorted(pairs.values(), key=lambda f: f.loss)[:8]
+    # under one whitening, so that pairs can be compared
+    whites = s.whiten(fits[0])
+    fits = sorted(fit(s.sim, fits, s.train, whites[0], iterations=4), key=lambda f: f.loss)[:5]
+    whites = s.whiten(fits[0])
+    fits = fit(s.sim, fits, s.train, whites[0], iterations=4)
+    scored = s.score([*fits, chosen.fit], whites)
+    ranked = sorted(scored[:-1], key=lambda r: r.losses.mean())
+    winner = choose(s, ranked)
+    s.log.append(
+        f"pairs: single {scored[-1].losses.mean():.3f}; "
+        + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:5])
+        + f" -> {winner.fit.hypothesis}"
+    )
+    if not accept(s, winner, scored[-1]):
+        return chosen.fit, [chosen]
+    return winner.fit, ranked

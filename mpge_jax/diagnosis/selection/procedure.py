@@ -1,0 +1,97 @@
+"""Which effects are reported: search, weigh, refine, and keep only what helps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.evolution_strategy import polished
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport, fit_report, helps
+from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
+from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
+from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
+from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
+from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined, with_timestep_error
+from mpge_jax.diagnosis.selection.forward_selection import search
+from mpge_jax.diagnosis.selection.remainder import Remainder, remainder
+from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.selection.setup import build_search
+
+FEWEST = 8
+"""Windows that it takes at least to look once more."""
+REFINED = 60
+"""Windows of the reported length, at most, from which parameters are refined in the end."""
+EXCHANGES = 2
+"""Terms that may be exchanged for better ones once the whole hypothesis is known."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Effects as they are reported, with rivals by term, held-out errors, the noise's floor and what is left."""
+
+    fit: Fitted
+    rivals: dict[Term, list[Rival]]
+    held: FitReport
+    noise: Floor
+    left: Remainder | None
+
+
+def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
+    """Search, once more in longer windows if that finds nothing, refine, and keep only what helps."""
+    c = p.config
+    f, rivals = _settle(s, *search(s))
+    noise, left = _left(p, s, f)
+    if not f.hypothesis.terms and left is None:
+        f, rivals = _look_again(p, s, say)
+        noise, left = _left(p, s, f) if f.hypothesis.terms else (noise, left)
+    # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
+    if f.theta.size and left is None and c.report_s > c.decide_s and not s.sim.rugged(f.hypothesis):
+        say("refining parameters")
+        f = refined(s, f, p.windows(False, c.report_s, REFINED))
+    held = fit_report(p, f, held=True)
+    if not helps(held):
+        s.log.append(f"dropped: {f.hypothesis} predicts held-out recordings no better")
+        f, rivals = NOTHING, {}
+        held = fit_report(p, f, held=True)
+        noise, left = _left(p, s, f)
+    return Decision(f, rivals, held, noise, left)
+
+
+def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, Remainder | None]:
+    """What noise alone would leave if `f` were true, and what it leaves if that is more."""
+    noise = floor(p, f)
+    s.log.append(f"floor {noise.loss:.3f} +- {noise.error:.3f}")
+    return noise, remainder(s, f, noise)
+
+
+def _look_again(p: Prepared, s: Search, say: Callable[[str], None]) -> tuple[Fitted, dict[Term, list[Rival]]]:
+    """Search longer windows, where slight effects add up, after nothing was found in those of `s`."""
+    longer = build_search(p, say, p.config.report_s)
+    if longer.train.steps <= s.train.steps or min(longer.train.count, longer.held.count) < FEWEST:
+        return NOTHING, {}
+    say("looking for slight effects in longer windows")
+    found = _settle(longer, *search(longer))
+    s.log += longer.log
+    return found
+
+
+def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term, list[Rival]]]:
+    """The final fit with its rivals, after exchanging terms for rivals that predict clearly better."""
+    for left in reversed(range(EXCHANGES + 1)):
+        f, whites = final_fit(s, prune(s, f))
+        f = name_nearest(s.sim.ctx, f)
+        best = s.score([f], whites)[0]
+        rivals = find_rivals(s, best, whites, last)
+        better = better_rival(rivals)
+        if better is None or not left:
+            break
+        s.log.append(f"exchanged: {f.hypothesis} -> {better.fit.hypothesis}")
+        s.resume = Reached(better.fit)
+        f, last = search(s)
+    if f.theta.size and s.sim.rugged(f.hypothesis):
+        s.say("refining parameters")
+        f = with_timestep_error(s, polished(s.sim, f, s.train, s.whiten(f)[0], s.seed), s.train)
+    return f, rivals

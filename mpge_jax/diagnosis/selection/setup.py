@@ -1,0 +1,78 @@
+"""A search for effects over windows of one length: which windows are fitted, and what may be looked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.candidates import all_terms
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.estimation.whitening import whitener
+from mpge_jax.diagnosis.evidence.null_distribution import floor, force_noise
+from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.informative_windows import telling_windows
+from mpge_jax.diagnosis.simulation.windows import Windows
+
+POOL = 3
+"""Training windows that are looked at for each one that is fitted."""
+FEWEST_ROWS = 3
+"""Rows after a window's start without which a late sensor, whose first rows lie before it, would explain everything."""
+
+
+def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Search:
+    """A search that decides by windows of a length (s)."""
+    c = p.config
+    train, typical = _training_windows(p, length)
+    held = p.windows(True, length, c.held_windows)
+    sides = {"mechanical", "sensor"} if p.measured.all() and p.measured.size else None
+    terms = all_terms(p.ctx, c.effects, sides)
+    terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
+    terms = [t for t in terms if _visible(p, t, train)]
+    limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
+    shaken = force_noise(p)
+    calibrated = partial(floor, p, shaken=shaken) if shaken.any() or p.ctx.contacts else None
+    return Search(
+        p.sim, p.noise, train, held, terms, c.seed, say, max_terms=limit, typical=typical, floor=calibrated
+    )
+
+
+def _training_windows(p: Prepared, length: float) -> tuple[Windows, int]:
+    """Windows to fit, and how many of them were drawn at random (the first ones)."""
+    pool = p.windows(False, length, POOL * p.config.train_windows)
+    if pool.count <= p.config.train_windows:
+        return pool, pool.count
+    nothing = Hypothesis()
+    white = whitener(p.sim, nothing, np.zeros(0), pool, p.noise)
+    x = white.excess(white(p.sim.residuals([Run(nothing, np.zeros(0))], pool)))[0]
+    rng = np.random.default_rng([p.config.seed, 3])
+    index, typical = telling_windows(x, p.config.train_windows, rng)
+    return pool.take(index), typical
+
+
+def _visible(p: Prepared, term: Term, w: Windows) -> bool:
+    """Sensor effects need their sensor, and a late one more rows than it may be late by."""
+    if not term.effect.senses:
+        return True
+    if term.id == "sensor_delay" and np.median(w.seen.sum(1)) < FEWEST_ROWS:
+        return False
+    column = p.ctx.qadr(term.place)
+    return any(not np.isnan(s.recording.qpos[:, column]).all() for s in p.train_sources)
+
+
+def check_windows(p: Prepared, s: Search) -> None:
+    """Raises InputError where the recordings hold too few windows to decide by or to report on."""
+    c = p.config
+    report = [p.windows(held, c.report_s, 1).count for held in (False, True)]
+    for length, train, held, least in (
+        (c.decide_s, s.train.count, s.held.count, 2),
+        (c.report_s, *report, 1),
+    ):
+        if train < least or held < 1:
+            raise InputError(
+                f"the recordings hold only {train} training and {held} held-out windows of {length} s; record longer."
+            )

@@ -1,0 +1,1 @@
+"""Windows of recordings, and machines with effects simulated along them."""

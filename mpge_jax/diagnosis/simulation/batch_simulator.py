@@ -1,0 +1,331 @@
+"""Simulate windows under many hypotheses at once: windows x parameter vectors x start states in one batch."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from mpge_jax.diagnosis.effects.base import Context, Fields
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.machine.joint_space import difference, integrate
+from mpge_jax.diagnosis.machine.model import is_scalar
+from mpge_jax.diagnosis.simulation.actuator_state import shifted
+from mpge_jax.diagnosis.simulation.drive_signal import hermite
+from mpge_jax.diagnosis.simulation.runtime_effects import Group, Runtime
+from mpge_jax.diagnosis.simulation.windows import Windows
+
+Array = np.ndarray
+MANY_STEPS = 50
+"""Steps of a window from which semi-implicit steps show what a change does nearly as Runge-Kutta's do."""
+CHUNK = 3000
+"""Simulations stepped together; more do not fit the caches."""
+_DIVERGED = 1e5
+
+
+@dataclass
+class Run:
+    """One simulation of all windows.
+
+    Attributes:
+        theta: flat parameters of the hypothesis.
+        shift: [W, 2 nv] change of the start state in (position, velocity), or None.
+        push: (dof, force) constant generalised force, or None.
+    """
+
+    hypothesis: Hypothesis
+    theta: Array
+    shift: Array | None = None
+    push: tuple[int, float] | None = None
+
+
+@dataclass(frozen=True)
+class Near:
+    """Residuals near those of a known run. Where the model steps with Runge-Kutta, which evaluates the dynamics four
+    times, only the known run does: the others are told from it by semi-implicit steps.
+
+    Attributes:
+        offset: [W, N, 2 nv] by how much the two integrators differ for the known run; None where there is one.
+    """
+
+    sim: Simulator
+    w: Windows
+    offset: Array | None
+
+    @staticmethod
+    def to(sim: Simulator, known: Run, w: Windows) -> Near:
+        if not sim.costly(w):
+            return Near(sim, w, None)
+        exact = sim.residuals([known], w)[0]
+        with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+            return Near(sim, w, exact - sim.residuals([known], w)[0])
+
+    def residuals(self, runs: list[Run]) -> Array:
+        """[R, W, N, 2 nv], as `Simulator.residuals`."""
+        if self.offset is None:
+            return self.sim.residuals(runs, self.w)
+        with self.sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+            return self.sim.residuals(runs, self.w) + self.offset
+
+
+class BatchFields(Fields):
+    """Model fields of some simulations of a batch."""
+
+    xp = np
+
+    def __init__(self, batch: Batch, rows: Array) -> None:
+        self.batch, self.rows = batch, rows
+
+    def get(self, name: str, index: Any) -> Array:
+        index = index if isinstance(index, tuple) else (index,)
+        return np.array(self.batch.expand(name)[self._at(index)], dtype=float)
+
+    def set(self, name: str, index: Any, value: Any) -> None:
+        index = index if isinstance(index, tuple) else (index,)
+        self.batch.expand(name)[self._at(index)] = value
+
+    def _at(self, index: tuple[Any, ...]) -> tuple[Any, ...]:
+        if any(isinstance(i, slice) for i in index):
+            return (self.rows, *index)
+        return (self.rows, *(np.full(self.rows.shape, i) for i in index))
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep MuJoCo's instability warnings out of the console and of its log file."""
+    mujoco.set_mju_user_warning(lambda _message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
+
+
+@dataclass
+class Simulator:
+    """Predicts windows. `work` counts simulated steps by cost: nv^1.5 each, four times that with Runge-Kutta."""
+
+    model: mujoco.MjModel
+    ctx: Context
+    threads: int = 1
+    work: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.model = _without_autoreset(self.model)
+        self.ctx = replace(self.ctx, model=self.model)
+
+    def costly(self, w: Windows) -> bool:
+        """Whether steps evaluate the dynamics four times, and there are so many that semi-implicit ones come near."""
+        return bool(self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4) and w.steps >= MANY_STEPS
+
+    def rugged(self, hypothesis: Hypothesis) -> bool:
+        """Whether things strike each other, inside the drives or out, which makes losses rugged."""
+        return bool(self.ctx.contacts) or hypothesis.rugged
+
+    @contextmanager
+    def integrator(self, kind: mujoco.mjtIntegrator) -> Iterator[None]:
+        """Simulate with another integrator inside a `with` block."""
+        own, self.model.opt.integrator = self.model.opt.integrator, kind
+        try:
+            yield
+        finally:
+            self.model.opt.integrator = own
+
+    def residuals(self, runs: list[Run], w: Windows) -> Array:
+        """Measured minus predicted: [R, W, N, 2 nv], positions then velocities, in joint space; NaN unmeasured."""
+        out = np.empty((len(runs), w.count, w.times.shape[1], 2 * self.model.nv))
+        per = max(1, CHUNK // max(w.count, 1))
+        with quiet():
+            for a in range(0, len(runs), per):
+                out[a : a + per] = self._chunk(runs[a : a + per], w)
+        return out
+
+    def _chunk(self, runs: list[Run], w: Windows) -> Array:
+        m, nwin = self.model, w.count
+        n = len(runs) * nwin
+        batch = Batch(self._timed(w.dt), n, self.threads)
+        window = np.tile(np.arange(nwin), len(runs))
+        rows_of = np.arange(n).reshape(len(runs), nwin)
+        groups = self._groups(runs, rows_of)
+        self._apply_models(batch, groups)
+        offset, delay = self._senses(groups, n)
+        q0, v0 = self._starts(runs, w, window, offset, delay)
+        batch.bind("qpos")[:], batch.bind("qvel")[:] = q0, v0
+        commands = self._commands(groups, w, window)
+        if m.na:
+            batch.bind("act")[:] = w.act0[window]
+            for a, (rows, u) in commands.items():
+                before = u[:, : w.history] - w.command[window[rows], : w.history, a]
+                batch.bind("act")[rows] += shifted(m, a, before, w.dt)
+        q, v = self._roll(batch, groups, runs, rows_of, commands, w, window)
+        each = m.nv**1.5 * (4 if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 1)
+        self.work += n * w.steps * each
+        return self._compare(q, v, w, window, offset, delay).reshape(len(runs), nwin, w.times.shape[1], -1)
+
+    def _timed(self, dt: float) -> mujoco.MjModel:
+        if abs(self.model.opt.timestep - dt) > 1e-12:
+            self.model.opt.timestep = dt
+        return self.model
+
+    def _groups(self, runs: list[Run], rows_of: Array) -> list[Group]:
+        table: dict[Term, tuple[list[Array], list[Array]]] = {}
+        for run, rows in zip(runs, rows_of, strict=True):
+            for term, theta in run.hypothesis.split(self.ctx, run.theta).items():
+                lists = table.setdefault(term, ([], []))
+                lists[0].append(rows)
+                lists[1].append(np.tile(theta, (rows.size, 1)))
+        groups = [Group(t, np.concatenate(r), np.concatenate(p)) for t, (r, p) in table.items()]
+        return sorted(groups, key=lambda g: g.term.effect.order)
+
+    def _apply_models(self, batch: Batch, groups: list[Group]) -> None:
+        derived = []
+        for g in groups:
+            g.term.effect.model(BatchFields(batch, g.rows), self.ctx, g.term.place, g.theta)
+            if g.term.effect.set_const:
+                derived.append(g.rows)
+        if derived:
+            batch.set_const(np.unique(np.concatenate(derived)))
+
+    def _senses(self, groups: list[Group], n: int) -> tuple[Array, Array]:
+        offset, delay = np.zeros((n, self.model.nv)), np.zeros((n, self.model.nv))
+        for g in groups:
+            if g.term.effect.senses:
+                dof = self.ctx.dof(g.term.place)
+                o, d = g.term.effect.sense(g.theta)
+                offset[g.rows, dof] += o
+                delay[g.rows, dof] += d
+        return offset, delay
+
+    def _starts(
+        self, runs: list[Run], w: Windows, window: Array, offset: Array, delay: Array
+    ) -> tuple[Array, Array]:
+        m = self.model
+        q0, v0 = w.q0[window].copy(), w.v0[window].copy()
+        for dof in np.flatnonzero((delay != 0).any(0)):
+            q = int(m.jnt_qposadr[m.dof_jntid[dof]])
+            late = np.flatnonzero(delay[:, dof] != 0)
+            for s in np.unique(w.source[window[late]]):
+                rows = late[w.source[window[late]] == s]
+                at = w.start[window[rows]] + delay[rows, dof]
+                q0[rows, q], v0[rows, dof] = w.sources[s].state_at(at, q, dof)
+        shift = _shifts(runs, w)
+        return integrate(m, q0, shift[:, : m.nv] - offset), v0 + shift[:, m.nv :]
+
+    def _commands(self, groups: list[Group], w: Windows, window: Array) -> dict[int, tuple[Array, Array]]:
+        """Changed command timelines: actuator -> (rows, [rows, H + K])."""
+        out: dict[int, dict[int, Array]] = {}
+        for g in groups:
+            if not g.term.effect.commands:
+                continue
+            a = g.term.place.index
+            done = out.setdefault(a, {})
+            u = w.command[window[g.rows], :, a].copy()
+            for i, row in enumerate(g.rows):
+                if row in done:
+                    u[i] = done[row]
+            u = g.term.effect.timeline(self.ctx, g.term.place, g.theta, u, w.dt)
+            done.update(zip(g.rows.tolist(), u, strict=True))
+        return {a: (np.array(list(rows)), np.array(list(rows.values()))) for a, rows in out.items()}
+
+    def _roll(
+        self,
+        batch: Batch,
+        groups: list[Group],
+        runs: list[Run],
+        rows_of: Array,
+        commands: dict[int, tuple[Array, Array]],
+        w: Windows,
+        window: Array,
+    ) -> tuple[Array, Array]:
+        """States [K + 1, n, nq], [K + 1, n, nv] along the windows."""
+        m, n, steps = self.model, window.size, w.steps
+        qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
+        ctrl = batch.bind("ctrl") if m.nu else None
+
+        def commanded(k: int) -> Array:
+            """Commands [n, nu] in step k of the windows, negative before their starts."""
+            out = w.command[window, w.history + k]
+            for a, (rows, u) in commands.items():
+                out[rows, a] = u[:, w.history + k]
+            return out
+
+        push, moved = np.zeros((n, m.nv)), _shifts(runs, w)[:, m.nv :]
+        for run, rows in zip(runs, rows_of, strict=True):
+            if run.push is not None:
+                push[rows, run.push[0]] += run.push[1]
+        runtime = [g for g in groups if g.term.effect.runtime]
+        engine = Runtime(self.model, self.ctx, batch, runtime, push, w.dt) if runtime or push.any() else None
+        q_all, v_all = np.empty((steps + 1, n, m.nq)), np.empty((steps + 1, n, m.nv))
+        q_all[0], v_all[0] = qpos, qvel
+        for k in range(steps):
+            if ctrl is not None:
+                ctrl[:] = commanded(k)
+            if engine is not None and k == 0:
+                engine.begin(w, window, moved, commanded)
+            if engine is not None:
+                engine.apply()
+            batch.step()
+            wild = ~(np.abs(qvel).max(1) < _DIVERGED)
+            if wild.any():
+                qvel[wild] = 0.0
+                qpos[wild] = q_all[0, wild]
+            q_all[k + 1], v_all[k + 1] = qpos, qvel
+        return q_all, v_all
+
+    def _compare(self, q: Array, v: Array, w: Windows, window: Array, offset: Array, delay: Array) -> Array:
+        m, n = self.model, window.size
+        times = w.times[window]
+        pq, pv = _sample(m, q, v, times, w.dt)
+        early: list[tuple[int, Array, Array]] = []
+        for dof in np.flatnonzero((delay != 0).any(0)):
+            column = int(m.jnt_qposadr[m.dof_jntid[dof]])
+            rows = np.flatnonzero(delay[:, dof] != 0)
+            t = times[rows] - delay[rows, dof, None]
+            sq, sv = _sample(m, q[:, rows], v[:, rows], np.maximum(t, 0.0), w.dt)
+            pq[rows, :, column], pv[rows, :, dof] = sq[..., column], sv[..., dof]
+            early.append((int(dof), rows, t < 0))
+        out = np.empty((n, times.shape[1], 2 * m.nv))
+        out[..., : m.nv] = difference(m, pq, w.qpos[window]) - offset[:, None, :]
+        out[..., m.nv :] = w.qvel[window] - pv
+        out[~w.seen[window]] = np.nan
+        for index, rows, before in early:
+            # what a delayed sensor shows first lies before the window; the later samples count for those too
+            later = w.seen[window[rows]] & ~before
+            weight = np.sqrt(w.seen[window[rows]].sum(1) / np.maximum(later.sum(1), 1))
+            for k in (index, m.nv + index):
+                value = np.where(before, 0.0, out[rows, :, k] * weight[:, None])
+                out[rows, :, k] = np.where(np.isfinite(out[rows, :, k]), value, np.nan)
+        return out
+
+
+def _shifts(runs: list[Run], w: Windows) -> Array:
+    """By how much each simulation starts elsewhere than estimated, [R W, 2 nv]."""
+    shift = w.shift
+    return np.concatenate([shift if run.shift is None else shift + run.shift for run in runs])
+
+
+def _sample(m: mujoco.MjModel, q: Array, v: Array, times: Array, dt: float) -> tuple[Array, Array]:
+    """States at any times [n, N] between the steps of trajectories [K + 1, n, .]."""
+    k = np.clip(np.floor(times / dt + 1e-6).astype(int), 0, q.shape[0] - 2)
+    s = times / dt - k
+    s = np.where(np.abs(s - np.round(s)) < 1e-6, np.round(s), s)[..., None]
+    rows = np.arange(q.shape[1])[:, None]
+    q0, q1, v0, v1 = q[k, rows], q[k + 1, rows], v[k, rows], v[k + 1, rows]
+    pv = v0 + s * (v1 - v0)
+    pq = q0 + s * (q1 - q0)
+    for j in range(m.njnt):
+        if is_scalar(m, j):
+            a, d = int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])
+            pq[..., a] = hermite(s[..., 0], dt, q0[..., a], q1[..., a], v0[..., d], v1[..., d])
+    return pq, pv
+
+
+def _without_autoreset(model: mujoco.MjModel) -> mujoco.MjModel:
+    model = copy.copy(model)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    return model

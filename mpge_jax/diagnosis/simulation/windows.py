@@ -1,0 +1,252 @@
+"""Windows: short stretches of recordings that are predicted open loop from an estimated state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.recordings.recording import Recording, longest_step
+from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.simulation.actuator_state import activations, settling
+from mpge_jax.diagnosis.simulation.drive_signal import Source
+
+Array = np.ndarray
+MAX_SAMPLES = 100
+"""Rows of a window that are compared, at most."""
+HISTORY = 0.8
+"""Seconds of commands and motion kept before a window, for delays, lags and what stands between motor and link: five
+time constants of a slow drive."""
+
+
+@dataclass(frozen=True)
+class Windows:
+    """W windows of K steps with N samples each.
+
+    Attributes:
+        sources: the recordings. source: [W] index. start: [W] s. dt: step (s). steps: K.
+        q0: [W, nq], v0: [W, nv], root: [W, nv, 2, 2] Cholesky factors of the states' covariances.
+        act0: [W, na] activations. command: [W, H + K, nu] mean commands, the first H before the start.
+        times: [W, N] s after the start. seen: [W, N] whether the sample exists.
+        qpos: [W, N, nq]. qvel: [W, N, nv] (NaN where not measured).
+        moved: [W, nv, 2] by how much the windows start elsewhere than estimated (`starts`), in columns of `root`.
+    """
+
+    sources: tuple[Source, ...]
+    source: Array
+    start: Array
+    dt: float
+    steps: int
+    q0: Array
+    v0: Array
+    root: Array
+    act0: Array
+    command: Array
+    times: Array
+    seen: Array
+    qpos: Array
+    qvel: Array
+    moved: Array
+
+    @property
+    def shift(self) -> Array:
+        """[W, 2 nv] what `moved` is in position and velocity."""
+        return np.einsum("wdij,wdj->wid", self.root, self.moved).reshape(self.count, 2 * self.v0.shape[1])
+
+    @property
+    def count(self) -> int:
+        return int(self.source.size)
+
+    @property
+    def history(self) -> int:
+        return self.command.shape[1] - self.steps
+
+    def take(self, index: Array) -> Windows:
+        keys = (
+            "source",
+            "start",
+            "q0",
+            "v0",
+            "root",
+            "act0",
+            "command",
+            "times",
+            "seen",
+            "qpos",
+            "qvel",
+            "moved",
+        )
+        return replace(self, **{k: getattr(self, k)[index] for k in keys})
+
+    def refined(self, factor: int) -> Windows:
+        """The same windows with `factor` times as many steps."""
+        dt, steps = self.dt / factor, self.steps * factor
+        grid = dt * np.arange(-int(np.ceil(HISTORY / dt)), steps + 1)
+        return replace(self, dt=dt, steps=steps, command=self._commands(grid))
+
+    def later(self, seconds: float) -> Windows:
+        """The same windows with commands that act later."""
+        grid = self.dt * np.arange(-self.history, self.steps + 1) - seconds
+        return replace(self, command=self._commands(grid))
+
+    def older(self, factor: float) -> Windows | None:
+        """The same windows with servos' forces `factor` times as old; None where none has an age."""
+        if not any(s.age.any() for s in self.sources):
+            return None
+        return self.driven_by(tuple(s.older(factor) for s in self.sources))
+
+    def driven_by(self, sources: tuple[Source, ...]) -> Windows:
+        """The same windows of the same recordings with other commands."""
+        w = replace(self, sources=sources)
+        return replace(w, command=w._commands(self.dt * np.arange(-self.history, self.steps + 1)))
+
+    def before(self, qadr: int, dof: int) -> tuple[Array, Array, Array]:
+        """How one scalar joint came to the starts.
+
+        Returns:
+            Its estimated position and velocity [W, H] at the steps before each start, and how long (s) ago that was
+            [W, H]: what lies before the recording, or before a gap in it, is as at the first row after that.
+        """
+        times = self.start[:, None] + self.dt * np.arange(-self.history, 0)
+        q, v = np.empty(times.shape), np.empty(times.shape)
+        for k, source in enumerate(self.source):
+            r = self.sources[source].recording
+            after_gaps = r.time[1:][np.diff(r.time) > longest_step(r)]
+            begins = np.append(r.time[0], after_gaps[after_gaps <= self.start[k] + 1e-9])
+            times[k] = np.maximum(times[k], begins[-1])
+            q[k], v[k] = self.sources[source].state_at(times[k], qadr, dof)
+        return q, v, self.start[:, None] - times
+
+    def _commands(self, grid: Array) -> Array:
+        """Mean commands [W, L, nu] between consecutive times `grid` [L + 1] after the starts."""
+        rows = [self.sources[s].mean_command(t + grid) for s, t in zip(self.source, self.start, strict=True)]
+        return np.array(rows).reshape(self.count, grid.size - 1, self.command.shape[2])
+
+
+def choose_dt(recordings: list[Recording], timestep: float) -> float:
+    """Step that divides the sample time where sampling is uniform, near the model's own timestep."""
+    steps = np.concatenate([np.diff(r.time) for r in recordings])
+    median = float(np.median(steps))
+    uniform = float(np.quantile(np.abs(steps - median), 0.9)) < 0.01 * median
+    if median < timestep:
+        return max(median, 0.25 * timestep) if uniform else timestep
+    if not uniform:
+        return timestep
+    ratio = median / timestep
+    return median / (round(ratio) if abs(ratio - round(ratio)) < 0.02 else np.ceil(ratio))
+
+
+def roughness(recording: Recording) -> Array:
+    """How abruptly the motion changes around each row [T], in units of its median: impacts stand out."""
+    q = recording.qpos[:, ~np.isnan(recording.qpos).any(0)]
+    out = np.zeros(q.shape[0])
+    if q.shape[0] < 12:
+        return out
+    third = np.abs(np.diff(q, 3, axis=0))
+    third = third / np.maximum(np.median(third, axis=0), 1e-12 + 1e-9 * np.abs(q).max(0))
+    level = third.max(1)
+    for shift in range(-2, 6):
+        index = np.clip(np.arange(level.size) + shift, 0, level.size + 2)
+        out[index] = np.maximum(out[index], level)
+    return out
+
+
+def _spans(recording: Recording, duration: float, skip: float = 0.0) -> list[tuple[int, int]]:
+    """Non-overlapping (first row, last row) of at most `duration` seconds without gaps, after the first `skip` seconds.
+
+    A window does not start at an impact, where no smoother knows the state: it starts at the first calm row.
+    """
+    t = recording.time
+    steps = np.diff(t)
+    limit = longest_step(recording)
+    rough = roughness(recording)
+    calm = max(6.0, 2.0 * float(np.median(rough)))
+    out, a = [], int(np.searchsorted(t, t[0] + skip))
+    while a < t.size - 1:
+        until = max(int(np.searchsorted(t, t[a] + 0.4 * duration)), a + 1)
+        below = np.flatnonzero(rough[a:until] <= calm)
+        a += int(below[0]) if below.size else int(np.argmin(rough[a:until]))
+        b = int(np.searchsorted(t, t[a] + duration * (1 + 1e-6) + 1e-9, side="right")) - 1
+        broken = np.flatnonzero(steps[a : max(b, a + 1)] > limit)
+        if broken.size:
+            a = a + int(broken[0]) + 1
+            continue
+        if t[b] - t[a] >= 0.8 * duration * (1 - 1e-6):
+            out.append((a, b))
+            a = b
+        else:
+            # rows were lost before its end: the next one starts after them
+            a = max(b, a + 1)
+    return out
+
+
+def cut(
+    sources: tuple[Source, ...],
+    model: mujoco.MjModel,
+    noise: Noise,
+    duration: float,
+    limit: int,
+    dt: float,
+    rng: np.random.Generator,
+    max_samples: int = MAX_SAMPLES,
+) -> Windows:
+    """Cut at most `limit` windows of `duration` seconds with at most `max_samples` rows, spread over all recordings."""
+    found = [
+        (i, a, b) for i, s in enumerate(sources) for a, b in _spans(s.recording, duration, settling(s, model))
+    ]
+    if len(found) > limit:
+        keep = np.sort(rng.permutation(len(found))[:limit])
+        found = [found[k] for k in keep]
+    steps = max(
+        (
+            int(np.ceil((sources[i].recording.time[b] - sources[i].recording.time[a]) / dt - 1e-6))
+            for i, a, b in found
+        ),
+        default=1,
+    )
+    rows = []
+    for _, a, b in found:
+        inside = np.arange(a + 1, b + 1)
+        if inside.size > max_samples:
+            inside = inside[np.unique(np.linspace(0, inside.size - 1, max_samples).astype(int))]
+        rows.append(inside)
+    n, w = max((r.size for r in rows), default=1), len(found)
+    before = int(np.ceil(HISTORY / dt))
+    nq, nv, nu = model.nq, model.nv, model.nu
+    times, seen = np.zeros((w, n)), np.zeros((w, n), bool)
+    qpos, qvel = np.full((w, n, nq), np.nan), np.full((w, n, nv), np.nan)
+    command = np.zeros((w, before + steps, nu))
+    q0, v0, root = np.zeros((w, nq)), np.zeros((w, nv)), np.zeros((w, nv, 2, 2))
+    act0 = np.zeros((w, model.na))
+    start = np.zeros(w)
+    held = {i: activations(model, sources[i]) for i in {i for i, _, _ in found}}
+    for k, ((i, a, _), inside) in enumerate(zip(found, rows, strict=True)):
+        s = sources[i]
+        r = s.recording
+        start[k] = r.time[a]
+        m = inside.size
+        times[k, :m], seen[k, :m] = r.time[inside] - r.time[a], True
+        qpos[k, :m] = r.qpos[inside]
+        if r.qvel is not None:
+            qvel[k, :m] = r.qvel[inside]
+        command[k] = s.mean_command(r.time[a] + dt * np.arange(-before, steps + 1))
+        q0[k], v0[k] = s.states.qpos[a], s.states.qvel[a]
+        root[k] = _cholesky(s.states.cov[a])
+        act0[k] = held[i][a]
+    qvel[:, :, ~np.isfinite(noise.qvel)] = np.nan
+    source = np.array([i for i, _, _ in found], dtype=int)
+    return Windows(
+        sources, source, start, dt, steps, q0, v0, root, act0, command, times, seen, qpos, qvel,
+        np.zeros((w, nv, 2)),
+    )  # fmt: skip
+
+
+def _cholesky(cov: Array) -> Array:
+    """Lower factors [nv, 2, 2] of 2 x 2 covariances, tolerant of singular ones."""
+    a = np.sqrt(np.maximum(cov[:, 0, 0], 1e-18))
+    b = cov[:, 1, 0] / a
+    c = np.sqrt(np.maximum(cov[:, 1, 1] - b**2, 1e-4 * np.abs(cov[:, 1, 1]) + 1e-18))
+    out = np.zeros_like(cov)
+    out[:, 0, 0], out[:, 1, 0], out[:, 1, 1] = a, b, c
+    return out

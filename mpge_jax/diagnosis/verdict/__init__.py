@@ -1,0 +1,1 @@
+"""The judgement: what is named, what is left, and where."""

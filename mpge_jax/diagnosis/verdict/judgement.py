@@ -1,0 +1,153 @@
+"""The verdict: whether what a fit leaves is more than noise and matters, and what is said of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, by_command
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.whitening import (
+    INTEGRATOR,
+    LATE,
+    NUISANCE,
+    STEP,
+    column_scale,
+    numerics,
+    whitener,
+)
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport, error_drops, fit_report
+from mpge_jax.diagnosis.selection.procedure import Decision
+from mpge_jax.diagnosis.selection.remainder import Remainder
+from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.verdict.location import by_joint
+from mpge_jax.diagnosis.verdict.remainder_description import describe
+from mpge_jax.diagnosis.verdict.result import Result
+
+Array = np.ndarray
+LEFT = 0.1
+"""Share of the nominal model's error (rms beyond noise) that counts as structure."""
+SURE, MOST = 6.0, 3.0
+"""Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
+they may be."""
+NUMERICS = {
+    STEP: "the recordings move as with a finer timestep than the model's",
+    LATE: "commands act at another moment within a timestep than the model has it",
+    INTEGRATOR: "the recordings move as with another integrator than the model's",
+}
+"""What is said of `numerics` where they are seen; of Runge-Kutta the first is another integrator too."""
+
+
+def what_is_left(p: Prepared, left: Remainder, held: FitReport, corrected: bool) -> dict[str, Any] | None:
+    """The `unexplained` entry of a diagnosis, where what is left matters.
+
+    Args:
+        left: of the fit to the decision's windows. held: errors with the effects as reported. corrected: whether any
+            effect was found.
+    """
+    beyond = held.left(p.sim.rugged(left.fit.hypothesis)) if corrected else 1.0
+    if beyond < LEFT:
+        p.warnings.append(
+            f"a remainder of {100 * beyond:.1f} % of the error is more than noise (friction law, timestep or "
+            "integrator differ in detail); it does not change what is named."
+        )
+        return None
+    return describe(p, left, beyond**2)
+
+
+def together(entries: list[dict[str, Any] | None]) -> dict[str, Any] | None:
+    """One `unexplained` entry for several; its share is the first one's, of the motion if that is among them."""
+    known = [e for e in entries if e is not None]
+    if len(known) < 2:
+        return known[0] if known else None
+    return {
+        "at": list(dict.fromkeys(at for e in known for at in e["at"])),
+        "when": "; ".join(f"at the {' and '.join(e['at'])} {e['when']}" for e in known),
+        "intervals": [i for e in known for i in e["intervals"]],
+        "share": known[0]["share"],
+        "of": known[0]["of"],
+    }
+
+
+def note_numerics(p: Prepared, f: Fitted, w: Windows) -> None:
+    """Warn of an integrator, timestep or late commands behind the recordings that are not the model's, with the size of
+    what they change: `numerics`, which searches see past."""
+    nv = p.model.nv
+    white = whitener(p.sim, f.hypothesis, f.theta, w, p.noise, temper=False)
+    residual = p.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
+    flat = white(residual)
+    changes = numerics(p.sim, f.hypothesis, f.theta, w)
+    weight = 1.0 / (1.0 + white.excess(flat) / 5.0)
+    columns = np.stack([white(residual + change) - flat for change in changes.values()])
+    gram = np.einsum("w,pwm,qwm->pq", weight, columns, columns, optimize=True)
+    inverse = np.linalg.pinv(gram, hermitian=True)
+    amount = -inverse @ np.einsum("w,pwm,wm->p", weight, columns, flat, optimize=True)
+    left = flat + np.einsum("p,pwm->wm", amount, columns)
+    scores = np.einsum("w,pwm,wm->wp", weight, columns, left, optimize=True)
+    # misfit comes by the window
+    variance = np.maximum(np.diag(inverse), np.diag(inverse @ scores.T @ scores @ inverse))
+    seen = np.isfinite(residual[..., :nv])
+    for k, (kind, change) in enumerate(changes.items()):
+        moved = np.where(seen, amount[k] * np.nan_to_num(change[..., :nv]), 0.0)
+        size = np.sqrt((moved**2).sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1))
+        matters = bool((size > column_scale(p.noise, p.model)[:nv])[seen.any((0, 1))].any())
+        sure = amount[k] > SURE * np.sqrt(max(variance[k], 0.0)) and amount[k] < MOST * NUISANCE
+        if sure and matters and kind in NUMERICS:
+            what = NUMERICS[kind if INTEGRATOR in changes or kind == LATE else INTEGRATOR]
+            p.warnings.append(
+                f"{what}: {size.max():.1g} rad or m (rms, at the joint where it is most) over {w.times.max():.2g} s. "
+                "This is taken into account and is not counted as missing physics."
+            )
+
+
+def judge(
+    p: Prepared, plain: mujoco.MjModel, s: Search, found: Decision, drives: ActuatorSide | None
+) -> Result:
+    """The verdict on what was found of the machine and of its drives.
+
+    Args:
+        plain: the nominal model. s: the search that decided. drives: None where no force was measured.
+    """
+    shown, held, ratio = (p, found.fit), found.held, found.noise.ratio
+    corrected = bool(found.fit.hypothesis.terms)
+    if drives is not None and drives.fits:
+        if not corrected:
+            shown = by_command(p, plain, drives)
+            # no measured force, and no noise of one, drives this machine
+            ratio = min(ratio, 1.0)
+            held = fit_report(*shown, held=True)
+        corrected = True
+    train, held = (r.above(ratio) for r in (fit_report(*shown, held=False), held))
+    unexplained = None if found.left is None else what_is_left(p, found.left, held, corrected)
+    if unexplained is None:
+        note_numerics(p, found.fit, found.held.windows)
+    if drives is not None:
+        unexplained = together([unexplained, *drives.left])
+    drop = error_drops(p, found.fit, held)
+    if unexplained is not None:
+        verdict = "unexplained"
+    elif any(r.tied for rivals in found.rivals.values() for r in rivals):
+        verdict = "ambiguous"
+    else:
+        verdict = "effects" if corrected else "none"
+    location, warnings = by_joint(p, s), list(dict.fromkeys(p.warnings))
+    return Result(
+        verdict,
+        p,
+        found.fit,
+        found.rivals,
+        drop,
+        train,
+        held,
+        location,
+        unexplained,
+        warnings,
+        p.config,
+        s.log,
+        drives,
+    )

@@ -1,0 +1,62 @@
+"""What a diagnosis found: plain data, for whatever writes, draws or rebuilds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide
+from mpge_jax.diagnosis.effects.context import Context
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport
+from mpge_jax.diagnosis.evidence.scored import Rival
+
+
+@dataclass(frozen=True)
+class Result:
+    """What is missing in a model, with everything that supports it.
+
+    Attributes:
+        verdict: "effects", "ambiguous", "unexplained" or "none".
+        fit: the chosen effects with parameters and covariances. rivals: alternatives by term.
+        error_drop: share of the held-out squared error that goes with each term, the others kept.
+        train, held: errors before and after. location: (place, kind, excess), largest first.
+        unexplained: what is left, or None. actuators: what was found between command and measured force.
+        log: what was tried, line by line. seconds: how long it took.
+    """
+
+    verdict: str
+    prepared: Prepared
+    fit: Fitted
+    rivals: dict[Term, list[Rival]]
+    error_drop: dict[Term, float]
+    train: FitReport
+    held: FitReport
+    location: list[tuple[str, str, float]]
+    unexplained: dict[str, Any] | None
+    warnings: list[str]
+    config: Config
+    log: list[str] = field(default_factory=list)
+    actuators: ActuatorSide | None = None
+    seconds: float = 0.0
+
+    @property
+    def ctx(self) -> Context:
+        return self.prepared.ctx
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        return self.fit.hypothesis.terms
+
+
+def candidates_of(d: Result) -> dict[Term, list[Fitted]]:
+    """For every ambiguous term: the chosen fit and those that the data cannot tell from it (three at most)."""
+    out = {}
+    for term, rivals in d.rivals.items():
+        tied = [r.fit for r in rivals if r.tied][:2]
+        if tied:
+            out[term] = [d.fit, *tied]
+    return out

@@ -1,0 +1,431 @@
+"""Contracts over the whole vocabulary: parameters, reports, exports, and C against JAX against the batch."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from envs._mjx import mjx
+from mpge_jax.diagnosis import REGISTRY, VOCABULARY, InputError
+from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel, CStepper
+from mpge_jax.diagnosis.corrected.jax_engine import CorrectedEngine
+from mpge_jax.diagnosis.effects.base import Context, Place, find_place, nominal_context, register
+from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.machine.model import compile_variable, load_spec
+from mpge_jax.diagnosis.simulation.single_step import Machine
+from tests.diagnosis.machines import ARM, BOX, PENDULUM
+
+VALUES = {
+    "viscous_damping": [0.08], "coulomb_friction": [0.05], "stribeck_friction": [0.03, 0.04, 0.4],
+    "load_dependent_friction": [0.02, 0.1], "asymmetric_friction": [0.03, 0.06, 0.02, 0.05],
+    "quadratic_drag": [0.05], "joint_stiffness": [0.6, 0.1], "cogging_torque": [0.05, 0.03, 7.0],
+    "backlash": [0.05, 0.3], "joint_flexibility": [30.0, 0.05], "armature": [0.01], "actuator_gain": [0.7],
+    "dead_actuator": [], "actuator_bias": [0.2], "torque_saturation": [0.3], "actuator_deadzone": [0.1],
+    "actuator_delay": [0.011], "actuator_lag": [0.03], "back_emf": [0.05],
+    "payload_mass": [0.2, 0.02, 0.01, -0.3], "mass_scale": [1.3], "com_offset": [0.02, 0.0, 0.03],
+    "gravity_tilt": [0.1, -0.05], "external_force": [0.4, 0.0, -0.3], "contact_friction": [0.3],
+    "load_dependent_friction:gear": [0.02, 0.1], "viscous_damping:explicit": [0.08], "actuator_bias:reclipped": [0.2],
+    "actuator_gain:limited": [1.6], "actuator_bias:limited": [0.2], "actuator_deadzone:limited": [0.1],
+    "contact_stiffness": [0.05], "encoder_offset": [0.04], "sensor_delay": [0.005],
+}  # fmt: skip
+# Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
+# takes polynomial damping implicitly, and contact solvers start from another guess.
+EXPORTED = {
+    "actuator_lag": 2e-3, "actuator_delay": 2e-3, "quadratic_drag": 2e-4, "contact_friction": 1e-4,
+    "contact_stiffness": 1e-4, "viscous_damping:explicit": 1e-2,
+}  # fmt: skip
+EVERY = tuple(VALUES)
+"""The vocabulary and the second forms of some of its effects."""
+CONTACT = ("contact_friction", "contact_stiffness")
+
+
+def model_for(effect_id: str) -> str:
+    """A machine on which the effect can act."""
+    if effect_id == "viscous_damping:explicit":
+        return PENDULUM.replace('timestep="0.002"', 'timestep="0.008"')
+    if effect_id.endswith(":limited"):
+        return PENDULUM.replace("<motor ", '<motor forcerange="-0.5 0.5" ')
+    return BOX if effect_id in CONTACT else PENDULUM
+
+
+def machine(effect_id: str, xml: str | None = None) -> Machine:
+    xml = xml or model_for(effect_id)
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+    effect = REGISTRY[effect_id]
+    term = Term(effect_id, effect.places(ctx)[0])
+    return Machine.build(ctx, (term,), (np.array(VALUES[effect_id]),))
+
+
+def command(k: int) -> np.ndarray:
+    return np.array([0.5 * np.sin(0.15 * k) + 0.3 * np.sign(np.sin(0.4 * k))])
+
+
+def test_the_vocabulary_is_complete():
+    assert set(VOCABULARY) <= set(REGISTRY) and len(VOCABULARY) == 28
+    assert set(VALUES) == set(REGISTRY)
+
+
+@pytest.mark.parametrize("effect_id", EVERY)
+def test_parameters_have_units_bounds_and_survive_a_report(effect_id):
+    m = machine(effect_id)
+    term, theta = m.terms[0], m.thetas[0]
+    params = term.params(m.ctx)
+    assert len(params) == theta.size
+    for p, start in zip(params, term.effect.starts(m.ctx, term.place).T, strict=True):
+        assert p.unit and p.low < p.high and p.scale > 0
+        assert (start >= p.low).all() and (start <= p.high).all()
+    values = term.effect.report(m.ctx, term.place, theta)
+    assert set(values) == set(term.effect.units(m.ctx, term.place))
+    back = term.effect.from_report(m.ctx, term.place, values)
+    np.testing.assert_allclose(back, theta, rtol=1e-9, atol=1e-12)
+    assert term.effect.equation and term.effect.sentence(term.place, {k: "1" for k in values})
+
+
+def trajectory(stepper: CStepper, steps: int, contact: bool) -> np.ndarray:
+    model = stepper.model
+    stepper.reset(np.array([0.0, 0.001]) if contact else np.full(model.nq, 0.4), np.full(model.nv, 0.3))
+    out = []
+    for k in range(steps):
+        stepper.step(4.0 * command(k) if contact else command(k))
+        out.append(stepper.measured())
+    return np.array(out)
+
+
+@pytest.mark.parametrize("effect_id", EVERY)
+def test_every_effect_changes_the_motion(effect_id):
+    m, contact = machine(effect_id), effect_id in CONTACT
+    nominal = Machine.build(m.ctx, (), ())
+    a, b = trajectory(CStepper(m), 60, contact), trajectory(CStepper(nominal), 60, contact)
+    assert np.abs(a - b).max() > 1e-5
+
+
+@pytest.mark.parametrize("effect_id", EVERY)
+def test_native_export_moves_like_the_effect(effect_id):
+    m = machine(effect_id)
+    spec = mujoco.MjSpec.from_string(model_for(effect_id))
+    spec.compile()
+    if not m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0]):
+        assert effect_id in (
+            "stribeck_friction", "load_dependent_friction", "load_dependent_friction:gear", "asymmetric_friction",
+            "cogging_torque", "backlash", "actuator_bias:reclipped", "actuator_deadzone:limited",
+            "joint_flexibility", "actuator_deadzone", "external_force", "encoder_offset", "sensor_delay",
+        )  # fmt: skip
+        return
+    spec.compile()
+    again = mujoco.MjModel.from_xml_string(spec.to_xml())
+    contact = effect_id in CONTACT
+    data = mujoco.MjData(again)
+    data.qpos[:], data.qvel[:] = ([0.0, 0.001] if contact else 0.4), 0.3
+    want = trajectory(CStepper(m), 60, contact)
+    for k in range(60):
+        data.ctrl[:] = 4.0 * command(k) if contact else command(k)
+        mujoco.mj_step(again, data)
+        np.testing.assert_allclose(data.qpos, want[k], atol=EXPORTED.get(effect_id, 1e-6))
+
+
+@jax.jit
+def _plain_step(model, data, u):
+    with jax.numpy_rank_promotion("allow"):
+        for _ in range(2):
+            data = mjx.step(model, data.replace(ctrl=u))
+    return data
+
+
+def _compare_with_c(m: Machine, contact: bool, step, data) -> None:
+    stepper = CStepper(m)
+    q0 = np.array([0.0, 0.001]) if contact else np.full(m.model.nq, 0.4)
+    stepper.reset(q0, np.full(m.model.nv, 0.3))
+    for k in range(25):
+        u = 4.0 * command(k) if contact else command(k)
+        stepper.step(u, 2)
+        data = step(data, jnp.array(u, jnp.float32))
+        np.testing.assert_allclose(np.asarray(data.qpos), stepper.measured(), atol=3e-4)
+
+
+def _in_steps(effect_id: str) -> bool:
+    e = REGISTRY[effect_id]
+    return e.runtime or e.commands or e.senses
+
+
+def _start(m: Machine, contact: bool):
+    return jnp.array([0.0, 0.001]) if contact else jnp.full(m.model.nq, 0.4), jnp.full(m.model.nv, 0.3)
+
+
+@pytest.mark.parametrize("effect_id", [i for i in EVERY if not _in_steps(i)])
+def test_native_effects_agree_in_c_and_mjx(effect_id):
+    """The model alone carries these effects, so one compiled step serves them all."""
+    m, contact = machine(effect_id), effect_id in CONTACT
+    data = CorrectedEngine(m).init(*_start(m, contact)).inner
+    _compare_with_c(m, contact, lambda d, u: _plain_step(CorrectedEngine(m).mjx_model, d, u), data)
+
+
+QUICK = ("stribeck_friction", "joint_flexibility", "actuator_delay", "sensor_delay")
+
+
+@pytest.mark.parametrize(
+    "effect_id",
+    [i if i in QUICK else pytest.param(i, marks=pytest.mark.slow) for i in EVERY if _in_steps(i)],
+)
+def test_effects_computed_each_step_agree_in_c_and_jax(effect_id):
+    m = machine(effect_id)
+    engine = CorrectedEngine(m)
+    step = jax.jit(engine.step, static_argnums=2)
+    _compare_with_c(m, False, lambda d, u: step(d, u, 2), engine.init(*_start(m, False)))
+
+
+def test_jax_engine_is_batched_by_vmap():
+    m = machine("stribeck_friction")
+    engine = CorrectedEngine(m)
+    q0 = jnp.array([[0.1], [0.5], [1.0]])
+    data = jax.jit(jax.vmap(engine.init))(q0, jnp.zeros((3, 1)))
+    data = jax.jit(jax.vmap(lambda d, u: engine.step(d, u, 5)))(data, jnp.zeros((3, 1)))
+    stepper = CStepper(m)
+    for i in range(3):
+        stepper.reset(np.array(q0[i]), np.zeros(1))
+        stepper.step(np.zeros(1), 5)
+        np.testing.assert_allclose(np.asarray(data.qpos[i]), stepper.data.qpos, atol=1e-5)
+
+
+@pytest.mark.parametrize("effect_id", [i for i in EVERY if i not in CONTACT])
+def test_batched_windows_agree_with_single_steps(effect_id):
+    """The simulator of the fit and the stepper of the corrected machine are two implementations of one effect."""
+    from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
+    from mpge_jax.diagnosis.simulation.drive_signal import Source
+    from mpge_jax.diagnosis.simulation.windows import Windows
+
+    m = machine(effect_id, ARM if effect_id in ("payload_mass", "com_offset", "external_force") else None)
+    model, steps = m.ctx.model, 40
+    dt, nu = float(model.opt.timestep), model.nu
+    q0, v0 = np.full(model.nq, 0.4), np.full(model.nv, 0.3)
+    u = np.array([np.resize(command(k), nu) for k in range(steps)])
+    stepper = CStepper(m)
+    stepper.reset(q0, v0)
+    want = []
+    for k in range(steps):
+        stepper.step(u[k])
+        want.append(stepper.measured() if effect_id == "encoder_offset" else stepper.data.qpos.copy())
+    from mpge_jax.diagnosis import Recording
+    from mpge_jax.diagnosis.recordings.states import States
+
+    time = dt * np.arange(steps + 1)
+    record = Recording("r", time, np.tile(q0, (steps + 1, 1)), None, np.vstack([u, u[-1:]]))
+    states = States(
+        record.qpos, np.tile(v0, (steps + 1, 1)), 0 * record.qpos, np.zeros((steps + 1, model.nv, 2, 2))
+    )
+    source = Source.build(record, states, record.ctrl)
+    history = 150
+    timeline = np.concatenate([np.repeat(u[:1], history, 0), u])[None]
+    start = q0 + (0.04 if effect_id == "encoder_offset" else 0.0)
+    w = Windows(
+        (source,), np.zeros(1, int), np.zeros(1), dt, steps, start[None], v0[None],
+        np.zeros((1, model.nv, 2, 2)), np.zeros((1, 0)), timeline, time[None, 1:], np.ones((1, steps), bool),
+        np.array(want)[None], np.full((1, steps, model.nv), np.nan), np.zeros((1, model.nv, 2)),
+    )  # fmt: skip
+    sim = Simulator(model, dataclasses.replace(m.ctx))
+    residual = sim.residuals([Run(Hypothesis.of(*m.terms), m.thetas[0])], w)[0, 0, :, : model.nv]
+    if effect_id == "sensor_delay":
+        return
+    np.testing.assert_allclose(residual, 0, atol=1e-6)
+
+
+def _exported(xml: str, parts: dict[str, tuple[str, list[float]]]) -> tuple[mujoco.MjModel, Machine]:
+    """The model with effects written one after the other, and the machine on which they act: {id: (place, theta)}."""
+    spec = mujoco.MjSpec.from_string(xml)
+    ctx = nominal_context(compile_variable(spec))
+    terms = {Term(i, find_place(ctx, REGISTRY[i], at)): np.array(theta) for i, (at, theta) in parts.items()}
+    spec.compile()
+    for term, theta in terms.items():
+        assert term.effect.export(spec, ctx, term.place, theta)
+    return spec.compile(), Machine.build(ctx, tuple(terms), tuple(terms.values()))
+
+
+@pytest.mark.parametrize("settings", ["", '<compiler inertiafromgeom="true"/>'])
+def test_exported_effects_add_up(settings):
+    """Each effect is added to what the ones before it left, as in the machine on which they act together."""
+    model, machine = _exported(
+        ARM.replace("<option", f"{settings}<option"),
+        {
+            "mass_scale": ("world", [1.5]),
+            "payload_mass": ("fore", [0.2, 0.0, 0.0, -0.25]),
+            "com_offset": ("fore", [0.0, 0.01, 0.0]),
+            "gravity_tilt": ("world", [0.1, 0.05]),
+            "external_force": ("world", [1.0, 0.0, 0.0]),
+            "actuator_gain": ("shoulder_motor", [0.8]),
+            "actuator_bias": ("shoulder_motor", [0.3]),
+        },
+    )
+    assert model.body_mass[2] == pytest.approx(1.5 * machine.ctx.model.body_mass[2] + 0.2)
+    for name in ("body_mass", "body_ipos", "body_inertia", "actuator_gainprm", "actuator_biasprm"):
+        np.testing.assert_allclose(getattr(model, name), getattr(machine.model, name), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(model.opt.gravity, machine.model.opt.gravity, rtol=1e-12)
+
+
+def test_springs_of_models_in_degrees_are_exported_in_degrees():
+    xml = PENDULUM.replace("<option", '<compiler angle="degree"/><option')
+    xml = xml.replace('name="hinge"', 'name="hinge" stiffness="0.3" springref="20"')
+    model, machine = _exported(xml, {"joint_stiffness": ("hinge", [0.6, 0.1])})
+    # springs in parallel: 0.3 at 20 degrees and 0.6 at 0.1 / 0.6 rad
+    assert model.jnt_stiffness[0] == pytest.approx(0.9)
+    assert model.qpos_spring[0] == pytest.approx((0.3 * np.deg2rad(20) + 0.1) / 0.9)
+    assert machine.model.qpos_spring[0] == pytest.approx(model.qpos_spring[0])
+
+
+def test_vectors_are_reported_as_one_parameter():
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(ARM)))
+    payload, fore = REGISTRY["payload_mass"], Place("body", "fore", 2)
+    values = payload.report(ctx, fore, np.array([[0.2, 1.0, 2.0, 3.0]]))
+    assert set(values) == {"mass", "position"} and values["position"].tolist() == [[1.0, 2.0, 3.0]]
+    assert payload.units(ctx, fore) == {"mass": "kg", "position": "m"}
+    assert payload.naming(ctx, fore) == [0]
+    assert REGISTRY["com_offset"].naming(ctx, fore) == [0, 1, 2]
+    entry = {"id": "payload_mass", "at": "fore", "parameters": {"mass": 0.2, "position": [1.0, 2.0]}}
+    with pytest.raises(InputError, match="effects"):
+        CorrectedModel.build(mujoco.MjSpec.from_string(ARM), [entry])
+
+
+def test_an_effect_of_ones_own_in_a_few_lines():
+    from mpge_jax.diagnosis.effects.base import REGISTRY as table
+    from mpge_jax.diagnosis.effects.base import Effect, Forces, Param
+
+    try:
+
+        @register
+        class Magnet(Effect):
+            id, kinds, runtime = "test_magnet", ("joint",), True
+            equation = "-k sin(2 q)"
+
+            def params(self, ctx: Context, place: Place):
+                return (Param("strength", "N m", -5.0, 5.0, 0.05),)
+
+            def force(self, xp, ctx, place, theta, s, memory):
+                return Forces(joint=-theta[..., 0] * xp.sin(2 * s.q[..., ctx.qadr(place)])), memory
+
+        ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+        term = Term("test_magnet", table["test_magnet"].places(ctx)[0])
+        m = Machine.build(ctx, (term,), (np.array([0.3]),))
+        entries = [{"id": "test_magnet", "at": "hinge", "parameters": {"strength": 0.3}}]
+        rebuilt = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), entries)
+        a, b = trajectory(CStepper(m), 30, False), trajectory(rebuilt.c_stepper(), 30, False)
+        np.testing.assert_array_equal(a, b)
+        assert "test magnet" in term.effect.sentence(term.place, {"strength": "0.3 N m"})
+
+        @register
+        class Glue(Effect):
+            id, kinds, fields = "test_glue", ("joint",), ("dof_damping",)
+            equation = "-g v"
+            says = "The {at} is glued with {glue}."
+
+            def params(self, ctx: Context, place: Place):
+                return (Param("glue", "N m s/rad", 0.0, 5.0, 0.05),)
+
+            def model(self, f, ctx, place, theta):
+                f.add("dof_damping", ctx.dof(place), theta[..., 0])
+
+        model, m = _exported(PENDULUM, {"test_glue": ("hinge", [0.3])})
+        assert model.dof_damping[0] == m.model.dof_damping[0] == pytest.approx(0.32)
+        glue = table["test_glue"].sentence(Place("joint", "hinge", 0), {"glue": "0.30 N m s/rad"})
+        assert glue == "The hinge is glued with 0.30 N m s/rad."
+    finally:
+        table.pop("test_magnet", None)
+        table.pop("test_glue", None)
+
+
+def test_a_sensor_delay_is_looked_for_below_the_sample_time():
+    ctx = nominal_context(mujoco.MjModel.from_xml_string(PENDULUM), period=0.02)
+    effect = REGISTRY["sensor_delay"]
+    (place, *_) = effect.places(ctx)
+    assert effect.starts(ctx, place).min() <= 0.005
+
+
+def test_damping_has_an_explicit_form_where_the_timestep_is_coarse():
+    form, plain = REGISTRY["viscous_damping:explicit"], REGISTRY["viscous_damping"]
+    coarse = model_for("viscous_damping:explicit")
+
+    def context(xml: str) -> Context:
+        return nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+
+    ctx = context(coarse)
+    (place,) = form.places(ctx)
+    assert not form.places(context(PENDULUM.replace('timestep="0.002"', 'timestep="0.0002"')))
+    assert not form.places(context(coarse.replace("implicitfast", "RK4")))
+    explicit = (
+        '<option><flag eulerdamp="disable"/></option>' + '<option timestep="0.008" integrator="Euler"/>'
+    )
+    assert not form.places(
+        context(coarse.replace('<option timestep="0.008" integrator="implicitfast"/>', explicit))
+    )
+    # one name in reports, never both at a joint, and at most half of the speed is lost in a step
+    assert Term(form.id, place).name == plain.id
+    assert not compatible(Hypothesis.of(Term(plain.id, place)), Term(form.id, place))
+    inertia = float(ctx.model.dof_M0[0])
+    assert form.params(ctx, place)[0].high * 0.008 / inertia == pytest.approx(0.5)
+    assert plain.params(ctx, place)[0].high > form.params(ctx, place)[0].high
+
+
+def test_a_lag_smooths_what_the_limits_let_through():
+    """MuJoCo clips a command before its filter."""
+    m = machine("actuator_lag")
+    spec = mujoco.MjSpec.from_string(PENDULUM)
+    spec.compile()
+    assert m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0])
+    model = spec.compile()
+    data, stepper = mujoco.MjData(model), CStepper(m)
+    stepper.reset(np.zeros(1), np.zeros(1))
+    for k in range(40):
+        # before the stepper's first step its filter holds the first command
+        u = np.array([10.0 if k else 0.0])
+        stepper.step(u)
+        data.ctrl[:] = u
+        mujoco.mj_step(model, data)
+    assert data.actuator_force[0] < 1.9
+    np.testing.assert_allclose(stepper.data.qpos, data.qpos, rtol=0.05)
+
+
+def test_damping_ratios_stay_the_damping_that_was_fitted():
+    """A heavier arm has the servo's old damping, not the old ratio."""
+    xml = PENDULUM.replace("<motor", '<position kp="20" dampratio="1"')
+    damping = compile_variable(mujoco.MjSpec.from_string(xml)).actuator_biasprm[0, 2]
+    ctx = nominal_context(compile_variable(load_spec(mujoco.MjSpec.from_string(xml))))
+    spec = load_spec(mujoco.MjSpec.from_string(xml))
+    spec.compile()
+    effect = REGISTRY["armature"]
+    assert effect.export(spec, ctx, effect.places(ctx)[0], np.array([0.05]))
+    again = mujoco.MjModel.from_xml_string(spec.to_xml())
+    assert damping < 0 and again.actuator_biasprm[0, 2] == pytest.approx(damping, rel=1e-5)
+
+
+def test_places_of_one_name_are_told_apart_by_their_kind():
+    xml = PENDULUM.replace('body name="arm"', 'body name="hinge"')
+    entry = {"id": "quadratic_drag", "at": "hinge", "parameters": {"coefficient": 0.1}}
+    kinds = [
+        CorrectedModel.build(mujoco.MjSpec.from_string(xml), [entry | k]).machine.terms[0].place.kind
+        for k in ({"kind": "body"}, {"kind": "joint"}, {})
+    ]
+    assert kinds == ["body", "joint", "joint"]
+
+
+def test_a_dead_muscle_can_be_written():
+    xml = PENDULUM.replace("<motor", '<muscle lengthrange="-2 2"').replace(
+        'ctrlrange="-2 2"', 'ctrlrange="0 1"'
+    )
+    model, _ = _exported(xml, {"dead_actuator": ("motor", [])})
+    data = mujoco.MjData(model)
+    data.ctrl[:], data.act[:] = 1.0, 1.0
+    mujoco.mj_forward(model, data)
+    assert data.actuator_force[0] == 0.0
+
+
+def test_what_a_dead_zone_lets_through_is_no_force_of_its_own():
+    """Of a servo on a tendon only the last step's force is known, which is what the dead zone left."""
+    tendon = '<tendon><fixed name="t"><joint joint="hinge" coef="1"/></fixed></tendon><actuator>'
+    xml = PENDULUM.replace("<actuator>", tendon).replace("<motor", '<position kp="2"')
+    xml = xml.replace('joint="hinge" ctrlrange', 'tendon="t" ctrlrange')
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+    assert REGISTRY["actuator_deadzone"].places(ctx) == []
+    filtered = PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(filtered)))
+    assert len(REGISTRY["actuator_deadzone"].places(ctx)) == 1

@@ -1,0 +1,274 @@
+"""Where fits begin: memories at the start of windows, first guesses, and what makes a guess useless."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from mpge_jax.diagnosis import Config, Recording
+from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel
+from mpge_jax.diagnosis.dataset.preparation import prepare
+from mpge_jax.diagnosis.effects.base import REGISTRY, Place
+from mpge_jax.diagnosis.effects.drive import JointFlexibility
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.parameter_steps import Problem, proposals
+from mpge_jax.diagnosis.estimation.screening import screen
+from mpge_jax.diagnosis.estimation.whitening import robust_loss
+from mpge_jax.diagnosis.machine.model import compile_variable, names_of
+from mpge_jax.diagnosis.recordings.recording import validate
+from mpge_jax.diagnosis.recordings.states import States
+from mpge_jax.diagnosis.selection import criteria
+from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.selection.setup import build_search
+from mpge_jax.diagnosis.simulation.batch_simulator import MANY_STEPS, Run
+from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.scales import _beside_contacts
+from mpge_jax.diagnosis.simulation.windows import cut
+from tests.diagnosis.machines import ARM, BOX, PENDULUM, excitation, record
+
+HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
+FLEXIBLE = {"stiffness": 8.0, "damping": 0.02}
+
+
+def _search(xml: str, recordings: list[Recording]) -> Search:
+    spec = mujoco.MjSpec.from_string(xml)
+    plain = compile_variable(spec)
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    return build_search(p, lambda _text: None, p.config.decide_s)
+
+
+def _known(s: Search, term: Term, theta: list[float]) -> Fitted:
+    return Fitted(Hypothesis.of(term), np.array(theta), np.array(theta))
+
+
+def _loss(s: Search, f: Fitted) -> float:
+    white = s.whiten_one(f, s.held, temper=False)
+    return float(
+        robust_loss(white.excess(white(s.sim.residuals([Run(f.hypothesis, f.theta)], s.held))[0])).mean()
+    )
+
+
+@pytest.fixture(scope="module")
+def elastic() -> Search:
+    """A pendulum whose motor swings behind a soft spring."""
+    entry = {"id": "joint_flexibility", "at": "hinge", "kind": "joint", "parameters": FLEXIBLE}
+    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), [entry])
+    rng, runs = np.random.default_rng(0), []
+    for k in range(3):
+        stepper, rows = corrected.c_stepper(), []
+        stepper.reset(np.zeros(1), np.zeros(1))
+        for i in range(200):
+            u = excitation(k, i / 100, np.array([k]), np.array([0.8]))
+            rows.append((i / 100, stepper.data.qpos.copy(), u))
+            stepper.step(u, 5)
+        t, q, u = (np.array(x) for x in zip(*rows, strict=True))
+        runs.append(Recording(f"run_{k}", t, q + 1e-4 * rng.standard_normal(q.shape), None, u))
+    return _search(PENDULUM, runs)
+
+
+def test_a_motor_behind_a_spring_starts_as_the_recording_left_it(elastic, monkeypatch):
+    term = Term("joint_flexibility", HINGE)
+    f = _known(elastic, term, list(FLEXIBLE.values()))
+    assert _loss(elastic, f) < 1.3
+    # at rest in the torque of the moment, as one that was never recorded must be believed to be
+    monkeypatch.setattr(JointFlexibility, "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
+    assert _loss(elastic, f) > 3.0
+
+
+def test_a_moved_start_moves_the_motion_before_it(elastic, monkeypatch):
+    """The angle and speed between motor and link do not change with the link's: windows are moved as a whole."""
+    h = Hypothesis.of(Term("joint_flexibility", HINGE))
+    w, theta = elastic.train, np.array(list(FLEXIBLE.values()))
+    shift = np.tile([0.02, 0.1], (w.count, 1))
+
+    def columns() -> np.ndarray:
+        plain, moved = elastic.sim.residuals([Run(h, theta), Run(h, theta, shift)], w)
+        return np.nanmax(np.abs((moved - plain)[..., 0]), axis=1)
+
+    followed = columns()
+    monkeypatch.setattr(JointFlexibility, "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
+    # also at a recording's first row, where there is nothing to follow, and shortly after it
+    np.testing.assert_allclose(followed, columns(), rtol=0.15)
+
+
+def test_what_a_run_predicts_does_not_depend_on_its_company(elastic):
+    h = Hypothesis.of(Term("joint_flexibility", HINGE))
+    quick, slow = (Run(h, np.array([8.0, d])) for d in (0.2, 0.02))
+    alone, together = (
+        elastic.sim.residuals(runs, elastic.train)[0] for runs in ([quick], [slow, quick][::-1])
+    )
+    np.testing.assert_array_equal(alone, together)
+
+
+def test_a_gap_ends_what_is_followed(elastic):
+    source = elastic.train.sources[0]
+    kept = np.r_[0:60, 120:200]
+    r, s = source.recording, source.states
+    recording = Recording("cut", r.time[kept], r.qpos[kept], None, r.ctrl[kept])
+    states = States(s.qpos[kept], s.qvel[kept], s.qacc[kept], s.cov[kept])
+    w = cut((Source.build(recording, states, source.command[kept]),), elastic.sim.model, elastic.noise,
+            0.25, 99, 0.002, np.random.default_rng(0))  # fmt: skip
+    _, _, ago = w.before(0, 0)
+    after = w.start > 1.19
+    assert after.any() and (ago[after].max(1) == pytest.approx(w.start[after] - 1.2))
+    assert ago[~after].max() <= 0.6
+
+
+def test_motion_before_a_window_ends_where_the_window_starts(elastic):
+    w = elastic.train
+    q, v, ago = w.before(0, 0)
+    assert q.shape == v.shape == ago.shape == (w.count, w.history)
+    # a step before the start, and only what was recorded
+    np.testing.assert_allclose(q[:, -1] + w.dt * v[:, -1], w.q0[:, 0], atol=2e-3)
+    first = np.array([w.sources[s].recording.time[0] for s in w.source])
+    np.testing.assert_allclose(ago.max(1), np.minimum(w.start - first, w.history * w.dt), atol=1e-9)
+    early = int(np.argmin(w.start - first))
+    assert (q[early] == w.sources[w.source[early]].states.qpos[0, 0]).all()
+
+
+def test_soft_and_stiff_springs_are_tried(elastic):
+    starts = JointFlexibility().starts(elastic.sim.ctx, HINGE)
+    torque = float(elastic.sim.ctx.torque[0])
+    # deflections of a radian to a hundredth at the joint's torques
+    assert starts[:, 0].min() < 2 * torque and starts[:, 0].max() > 90 * torque
+
+
+@pytest.mark.parametrize("timestep", ["0.002", "0.02"])
+def test_a_delay_within_a_period_is_found_in_coarse_steps_too(timestep):
+    """Predictions have a kink at whole periods, and long semi-implicit steps are no Runge-Kutta's."""
+    late, rows = 0.012, 0.02
+    xml = PENDULUM.replace('"0.002"', f'"{timestep}"').replace("implicitfast", "RK4")
+    rng, runs = np.random.default_rng(0), []
+    for k in range(4):
+        model = mujoco.MjModel.from_xml_string(xml)
+        model.opt.timestep = 0.001
+        data, log, before = mujoco.MjData(model), [], np.zeros(1)
+        for i in range(100):
+            u = excitation(k, i * rows, np.array([k]), np.array([1.0]))
+            log.append((i * rows, data.qpos.copy(), u))
+            for j in range(20):
+                data.ctrl[:] = u if j * 0.001 >= late - 1e-9 else before
+                mujoco.mj_step(model, data)
+            before = u
+        t, q, u = (np.array(x) for x in zip(*log, strict=True))
+        runs.append(Recording(f"run_{k}", t, q + 1e-4 * rng.standard_normal(q.shape), None, u))
+    s = _search(xml, runs)
+    assert s.sim.costly(s.train) == (s.train.steps >= MANY_STEPS) == (timestep == "0.002")
+    delay = Term("actuator_delay", MOTOR)
+    starts = delay.effect.starts(s.sim.ctx, MOTOR)[:, 0] / rows
+    assert (np.abs(starts - np.round(starts)) > 0.2).all() and starts.min() < 1.0
+    dense = dataclasses.replace(s.sim.ctx, period=0.001)
+    np.testing.assert_allclose(delay.effect.starts(dense, MOTOR)[:, 0], [0.0015, 0.0035, 0.0095])
+    (found,) = screen(s.sim, NOTHING, [delay], *s.sample(NOTHING, s.whiten_one(NOTHING, s.train)))
+    assert found.theta[0] == pytest.approx(late, abs=0.004)
+
+
+def test_what_contacts_could_be_is_no_missing_force():
+    model = mujoco.MjModel.from_xml_string(BOX)
+    data = mujoco.MjData(model)
+    data.qpos[1] = 0.5
+    mujoco.mj_forward(model, data)
+    np.testing.assert_array_equal(_beside_contacts(model, data), np.eye(2))
+    data.qpos[1] = -1e-4
+    mujoco.mj_forward(model, data)
+    # the floor can push the box up and along
+    np.testing.assert_allclose(_beside_contacts(model, data), 0.0, atol=1e-9)
+    leg = ARM.replace(
+        "<worldbody>", '<worldbody><geom name="floor" type="plane" size="5 5 1" pos="0 0 -.5"/>'
+    )
+    leg = leg.replace('fromto="0 0 0 0 0 -.25" size=".025" mass=".6" contype="0" conaffinity="0"',
+                      'fromto="0 0 0 0 0 -.25" size=".025" mass=".6"')  # fmt: skip
+    for jacobian in ("dense", "sparse"):
+        model = mujoco.MjModel.from_xml_string(
+            leg.replace('integrator="implicitfast"', f'integrator="implicitfast" jacobian="{jacobian}"')
+        )
+        data = mujoco.MjData(model)
+        data.qpos[:] = [0.5, -0.6]
+        mujoco.mj_forward(model, data)
+        assert data.ncon
+        free = _beside_contacts(model, data)
+        jac = np.zeros((3, 2))
+        mujoco.mj_jac(model, data, jac, None, data.contact[0].pos, 2)
+        toward = jac.T @ np.array([0.0, 0.0, 1.0])
+        np.testing.assert_allclose(free @ toward, 0.0, atol=1e-9)
+        np.testing.assert_allclose(free @ free, free, atol=1e-9)
+
+
+def test_cogs_are_guessed_from_the_missing_torque():
+    def cogs(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_applied[0] = 0.06 * np.sin(25.0 * data.qpos[0] + 0.7)
+
+    s = _search(PENDULUM, record(PENDULUM, 0.5, force=cogs, noise=1e-5))
+    a, b, n = REGISTRY["cogging_torque"].starts(s.sim.ctx, HINGE)[0]
+    assert n == pytest.approx(25.0, abs=0.5)
+    assert [a, b] == pytest.approx([0.06 * np.cos(0.7), 0.06 * np.sin(0.7)], abs=0.02)
+
+
+def test_a_wave_is_told_by_its_size_where_its_phase_is_unknown(elastic):
+    term = Term("cogging_torque", HINGE)
+    wave = np.array([1.0, 1.0]) / np.sqrt(2)
+    # one deviation of the phase, a tenth of the size
+    cov = np.diag([1.0, 1.0, 1.0])
+    cov[:2, :2] = 0.01 * np.outer(wave, wave) + np.outer([wave[1], -wave[0]], [wave[1], -wave[0]])
+    f = Fitted(Hypothesis.of(term), np.array([*wave, 9.0]), np.zeros(3), cov=cov)
+    # 100 with two degrees of freedom is as unlikely as that
+    assert criteria.strength(elastic, f)[term] == pytest.approx(norm.isf(0.5 * np.exp(-50.0)))
+
+
+@pytest.mark.parametrize(("backward", "named"), [(0.05, False), (0.03, True)])
+def test_friction_is_asymmetric_where_its_directions_differ(elastic, backward, named):
+    term = Term("asymmetric_friction", HINGE)
+    theta = np.array([0.05, backward, 0.01, 0.01])
+    f = Fitted(Hypothesis.of(term), theta, theta, cov=1e-6 * np.eye(4))
+    assert criteria.named(elastic, f) == named
+    if named:
+        assert (
+            criteria.strength(elastic, f)[term] == pytest.approx(0.02 / np.sqrt(2e-6)) and criteria.NAMED < 14
+        )
+
+
+def test_windows_with_steep_slopes_do_not_hold_a_step_back():
+    """Three calm windows want the parameter to be 2, seven steep ones nothing but to stay."""
+    s = _search(BOX, record(BOX, 6.0, seconds=0.6))
+    term = next(t for t in s.terms if t.id == "actuator_gain")
+    p = Problem(_known(s, term, [1.0]), term.params(s.sim.ctx))
+    slopes = np.array([1.0] * 3 + [300.0] * 7) * 1e3
+    p.jacobian = slopes[None, :, None] * np.ones((1, 10, 4))
+    p.whitened = np.where(slopes > 2e3, 0.0, -slopes)[:, None] * np.ones((10, 4))
+    p.fit = dataclasses.replace(p.fit, x=np.zeros(10))
+    assert s.sim.ctx.contacts
+    full, damped, calm = (float(theta[0]) for theta in proposals(p, s.sim.ctx))
+    assert damped < full < 1.001
+    # every window weighs as a calm one
+    assert calm == pytest.approx(1.3, abs=0.01)
+    without = proposals(p, dataclasses.replace(s.sim.ctx, contacts=()))
+    assert [float(theta[0]) for theta in without] == [full, damped]
+
+
+def test_where_things_touch_chance_is_judged_by_simulation(elastic):
+    assert elastic.floor is None
+    s = _search(BOX, record(BOX, 6.0, seconds=1.5))
+    assert s.floor is not None
+    floor = s.floor(NOTHING)
+    assert floor.losses.size and 0.3 < floor.loss < 3.0
+
+
+def test_a_gap_is_crossed_before_a_window_starts(elastic):
+    """A motor that was pushed to the other side of its gap starts there."""
+    ctx, w = elastic.sim.ctx, elastic.train
+    backlash = REGISTRY["backlash"]
+    np.testing.assert_array_equal(backlash.remembers(ctx, HINGE, np.array([[0.05, 0.2], [0.1, 0.2]])), 0.25)
+    h, theta = Hypothesis.of(Term("backlash", HINGE)), np.array([0.05, 0.2])
+    followed = elastic.sim.residuals([Run(h, theta)], w)[0]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(backlash), "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
+        static = elastic.sim.residuals([Run(h, theta)], w)[0]
+    change = np.nanmax(np.abs(followed - static)[..., 0], axis=1)
+    # nothing came before a recording's first row
+    first = np.array([w.sources[s].recording.time[0] for s in w.source])
+    assert (change[w.start == first] == 0.0).all() and change.max() > 1e-3

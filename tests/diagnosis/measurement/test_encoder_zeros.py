@@ -1,0 +1,111 @@
+"""Encoders whose zeros differ from recording to recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis import Config, Recording, diagnose
+from mpge_jax.diagnosis.dataset.preparation import prepare
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.machine.model import compile_variable, names_of
+from mpge_jax.diagnosis.measurement.encoder_zeros import (
+    _at_stops,
+    _common,
+    describe_zeros,
+    other_zeros,
+    with_zeros,
+)
+from mpge_jax.diagnosis.recordings.recording import validate
+from tests.diagnosis.machines import ARM, BOX, record
+
+SIZE = [1.5, 0.6]
+
+
+def prepared(xml: str, recordings: list[Recording]) -> Prepared:
+    spec = mujoco.MjSpec.from_string(xml)
+    plain = compile_variable(spec)
+    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+
+
+def shifted(recordings: list[Recording], zeros: dict[int, list[float]]) -> list[Recording]:
+    return [replace(r, qpos=r.qpos + zeros.get(k, 0.0)) for k, r in enumerate(recordings)]
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Recording]:
+    return record(ARM, SIZE, count=5)
+
+
+def test_the_usual_zero_is_the_models_where_the_zeros_lie_around_it():
+    around = np.array([[-0.05, 0.03], [0.02, 0.03], [0.01, 0.03]])
+    assert _common(around) == pytest.approx([0.0, 0.03])
+
+
+def test_zeros_of_single_recordings_are_found(runs):
+    zeros = {1: [0.0, 0.04], 3: [-0.05, 0.02]}
+    p = prepared(ARM, shifted(runs, zeros))
+    found = other_zeros(p, NOTHING)
+    assert set(found) == {"run_1", "run_3"}
+    for k, value in zeros.items():
+        assert found[f"run_{k}"] == pytest.approx(value, abs=2e-3)
+    less = with_zeros(p, found)
+    true = {r.name: r.qpos for r in runs}
+    for s in (*less.train_sources, *less.held_sources):
+        np.testing.assert_allclose(s.recording.qpos, true[s.recording.name], atol=2e-3)
+        np.testing.assert_allclose(s.states.qpos, true[s.recording.name], atol=3e-3)
+    said = describe_zeros(p, found)
+    assert "run_1 reads 0.04 rad more at the elbow" in said and "less at the shoulder" in said
+
+
+def test_equal_zeros_and_other_physics_are_no_differences_of_zeros(runs):
+    assert not other_zeros(prepared(ARM, runs), NOTHING)
+    # the same zeros everywhere are an effect, `encoder_offset`
+    assert not other_zeros(prepared(ARM, shifted(runs, {k: [0.05, 0.0] for k in range(5)})), NOTHING)
+
+    def bumpy(model, data):
+        data.qfrc_applied[1] = -0.15 * np.sign(data.qvel[1]) * (abs(data.qpos[1]) < 0.2)
+
+    assert not other_zeros(prepared(ARM, record(ARM, SIZE, force=bumpy, count=5)), NOTHING)
+
+
+def test_what_no_zero_is_like_is_not_called_one(runs):
+    assert not other_zeros(prepared(ARM, shifted(runs, {1: [0.6, -0.6]})), NOTHING)
+
+
+def test_windows_in_which_a_joint_comes_to_its_stop_do_not_count(runs):
+    p = prepared(ARM.replace('name="elbow"', 'name="elbow" limited="true" range="-50 50"'), runs)
+    w = p.windows(False, p.config.decide_s, 100)
+    ends = (np.abs(w.qpos[..., 1]) > 0.98 * np.deg2rad(50)).any(1)
+    assert 0 < ends.sum() < w.count
+    np.testing.assert_array_equal(_at_stops(p, w), ends)
+
+
+def test_nothing_is_said_of_machines_that_strike_things():
+    runs = record(BOX, 6.0, count=4)
+    assert not other_zeros(prepared(BOX, shifted(runs, {1: [0.0, 0.02]})), NOTHING)
+
+
+def test_a_held_out_session_with_other_zeros_does_not_hide_what_is_missing():
+    def rub(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[0] = 0.3
+
+    runs = shifted(record(ARM, SIZE, rub, count=5), {1: [0.03, 0.05], 4: [0.06, -0.05]})
+    tried = (
+        "coulomb_friction",
+        "viscous_damping",
+        "armature",
+        "encoder_offset",
+        "com_offset",
+        "actuator_bias",
+    )
+    config = Config(jobs=1, quiet=True, held_out=("run_4",), effects=tried)
+    d = diagnose(mujoco.MjSpec.from_string(ARM), runs, config)
+    assert d.verdict == "effects" and [str(t) for t in d.terms] == ["coulomb_friction@shoulder"]
+    assert d.fit.theta == pytest.approx([0.3], rel=0.03)
+    assert any("zeros differ between recordings" in w and "run_4" in w for w in d.warnings)
+    assert d.held.after.rms < 1.5 * d.held.floor

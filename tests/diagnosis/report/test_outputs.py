@@ -1,0 +1,166 @@
+"""What people read: one rival an effect and place, numbers without noise digits."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.corrected.mjcf import corrected_spec
+from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide
+from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.intervals import parameters
+from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
+from mpge_jax.diagnosis.evidence.scored import Rival
+from mpge_jax.diagnosis.machine.model import compile_variable
+from mpge_jax.diagnosis.report.html_page import _drives
+from mpge_jax.diagnosis.report.markdown_page import window_errors
+from mpge_jax.diagnosis.report.sentences import beside_noise, explanation, times
+from mpge_jax.diagnosis.report.tables import effects_table
+from mpge_jax.diagnosis.selection.alternatives import _one_each
+from tests.diagnosis.machines import PENDULUM
+
+
+def test_forms_of_a_rival_are_one_entry_and_ties_win():
+    elbow, wrist = Place("joint", "elbow", 0), Place("joint", "wrist", 1)
+
+    def rival(name: str, place: Place, margin: float, tied: bool = False) -> Rival:
+        return Rival(Term(name, place), NOTHING, margin, 0.1, "", tied)
+
+    plain, gear = "load_dependent_friction", "load_dependent_friction:gear"
+    rivals = [rival(gear, elbow, 0.1), rival(plain, elbow, 0.2), rival(plain, wrist, 0.3)]
+    assert _one_each(rivals) == [rivals[0], rivals[2]]
+    tied = rival(plain, elbow, 0.2, tied=True)
+    assert _one_each([rivals[0], tied, rivals[2]]) == [tied, rivals[2]]
+
+
+def test_table_says_which_effects_of_a_drive_the_corrected_model_holds():
+    spec = mujoco.MjSpec.from_string(PENDULUM)
+    ctx = nominal_context(compile_variable(spec))
+    motor = Place("actuator", "motor", 0)
+    gain, gap = Term("actuator_gain", motor), Term("actuator_deadzone", motor)
+    h = Hypothesis.of(gain, gap)
+    f = Fitted(h, h.gather(ctx, {gain: np.array([0.7]), gap: np.array([0.1])}), np.zeros(2))
+    d = SimpleNamespace(
+        prepared=SimpleNamespace(spec=spec),
+        fit=NOTHING,
+        ctx=ctx,
+        terms=(),
+        actuators=ActuatorSide(ctx, [f]),
+    )
+    table = effects_table(d)
+    assert table["model"] == "nominal.xml"
+    assert {e["id"]: e["native"] for e in table["effects"]} == {
+        "actuator_gain": True,
+        "actuator_deadzone": False,
+    }
+    assert corrected_spec(d)[0].compile().actuator_gainprm[0, 0] == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize(
+    ("entry", "text"),
+    [
+        ({"value": 0.7012, "low": 0.66, "high": 0.74, "unit": "N m"}, "0.70 N m"),
+        ({"value": 3.1e-11, "low": -1.0, "high": 1.0, "unit": "N m"}, "0 N m"),
+        (
+            {
+                "value": [3.1e-11, 0.05, -0.2],
+                "low": [-0.3, 0.04, -0.21],
+                "high": [0.3, 0.06, -0.19],
+                "unit": "m",
+            },
+            "(0, 0.050, -0.20) m",
+        ),
+        (
+            {"value": [3.1e-11, 0.05], "low": [None, 0.04], "high": [None, 0.06], "unit": "m"},
+            "(0, 0.050) m",
+        ),
+        ({"value": None, "low": None, "high": None, "unit": "m"}, "unknown m"),
+    ],
+)
+def test_quantities_show_digits_that_mean_something(entry, text):
+    assert quantity(entry) == text
+
+
+def test_intervals_show_as_many_digits_as_they_mean():
+    assert intervals({"low": 0.098071, "high": 0.103099, "unit": "N m"}) == "0.098 to 0.103 N m"
+    assert intervals({"low": [0.1, None], "high": [0.2, None], "unit": "1"}) == "0.10 to 0.20"
+    assert intervals({"low": None, "high": None, "unit": "1"}) == "not determined"
+
+
+def test_components_of_which_nothing_is_known_are_not_called_nothing():
+    entry = {"value": [-0.5018, -4.7e-10, -0.6947], "low": [-0.5108, -356.6, -0.7039], "unit": "N"}
+    assert quantity({**entry, "high": [-0.4928, 356.6, -0.6854]}) == "(-0.502, unknown, -0.695) N"
+    assert (
+        quantity({**entry, "low": [-0.51, -0.02, -0.71], "high": [-0.49, 0.02, -0.68]})
+        == "(-0.50, 0, -0.69) N"
+    )
+
+
+@pytest.mark.parametrize(
+    ("effect", "theta"), [("joint_stiffness", [0.4, -0.6]), ("cogging_torque", [0.5, 0.5, 3.0])]
+)
+def test_limits_of_what_is_fitted_are_none_of_what_is_reported(effect, theta):
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+    ctx = replace(ctx, torque=np.full(1, 0.005))
+    term = Term(effect, REGISTRY[effect].places(ctx)[0])
+    theta = np.array(theta)[: len(term.params(ctx))]
+    f = Fitted(Hypothesis.of(term), theta, theta, cov=1e-4 * np.eye(theta.size))
+    for entry in parameters(ctx, f, term).values():
+        assert entry["low"] <= entry["value"] <= entry["high"]
+
+
+def test_errors_beside_noise_in_words():
+    assert times(12.0, 1.0) == "12 times" and times(1.0, 1e-9) == "more than 1000 times"
+    assert beside_noise(2.0, 1.0, "rad") == "noise alone gives 1 rad"
+    assert "no more than measurement noise" in beside_noise(1.0, 1.0, "rad")
+
+
+def test_errors_of_drives_are_in_the_report_with_escaped_names():
+    d = SimpleNamespace(actuators=SimpleNamespace(errors={"<b>": (0.25, 0.0125)}))
+    text = _drives(d)
+    assert "&lt;b&gt;" in text and "<td>0.25</td><td>0.0125</td>" in text
+    assert _drives(SimpleNamespace(actuators=None)) == ""
+
+
+def test_candidates_are_told_in_one_sentence():
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+    friction = Term("coulomb_friction", Place("joint", "hinge", 0))
+    bias = Term("actuator_bias", Place("actuator", "motor", 0))
+    fits = [
+        Fitted(Hypothesis.of(t), np.array([0.05]), np.zeros(1), np.array([[1e-8]])) for t in (friction, bias)
+    ]
+    rival = Rival(bias, fits[1], 0.0, 0.1, "", True)
+    errors = SimpleNamespace(rms=0.1)
+    d = SimpleNamespace(
+        terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None,
+        prepared=SimpleNamespace(
+            model=ctx.model, measured=np.zeros(1, bool), train_sources=(), held_sources=()
+        ),
+        held=SimpleNamespace(
+            before=errors, after=errors, floor=0.1, windows=SimpleNamespace(times=np.array([0.5]))
+        ),
+    )  # fmt: skip
+    first = explanation(d).partition(". ")[0]
+    assert first == (
+        "The recordings cannot tell which: the hinge has dry friction of 0.05000 N m that the model lacks, or "
+        "the actuator motor adds a constant 0.05000 N m to what it is told"
+    )
+    # a name is written as in the model, but at the beginning of a sentence
+    payload = Term("payload_mass", Place("body", "arm", 1))
+    heavy = Fitted(Hypothesis.of(payload), np.full(4, 0.5), np.zeros(4), 1e-8 * np.eye(4))
+    d.rivals = {friction: [Rival(payload, heavy, 0.0, 0.1, "", True)]}
+    assert "lacks, or arm carries" in explanation(d)
+    d.terms, d.fit, d.rivals = (payload,), heavy, {}
+    assert explanation(d).startswith("Arm carries")
+
+
+def test_window_errors_leave_out_what_was_not_measured():
+    curves = np.full((3, 2, 3), np.nan)
+    curves[:, :, 0] = [[3.0, 4.0], [1.0, 1.0], [2.0, 2.0]]
+    curves[:2, 0, 1] = [5.0, 7.0]
+    report = SimpleNamespace(before=SimpleNamespace(curves=curves), after=None)
+    np.testing.assert_allclose(window_errors(report, after=False), [2.0, 6.0, np.nan])

@@ -1,0 +1,98 @@
+"""Machines that lack something in every joint, and machines that do not."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import mpge_jax.diagnosis.selection.forward_selection as searching
+from mpge_jax.diagnosis import Config
+from mpge_jax.diagnosis.dataset.preparation import prepare
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.evidence.scored import Reached, Scored
+from mpge_jax.diagnosis.machine.model import compile_variable, names_of
+from mpge_jax.diagnosis.recordings.recording import validate
+from mpge_jax.diagnosis.selection.all_joints import everywhere
+from mpge_jax.diagnosis.selection.competition import at_noise
+from mpge_jax.diagnosis.selection.setup import build_search
+from tests.diagnosis.machines import ARM, record
+
+FRICTION, ROTOR = np.array([0.25, 0.12]), np.array([0.03, 0.02])
+
+
+def _search(change):
+    spec = mujoco.MjSpec.from_string(ARM)
+    plain = compile_variable(spec)
+    recordings = record(ARM, [4.0, 0.8], change=change, count=4)
+    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    return build_search(p, lambda _text: None, p.config.decide_s)
+
+
+def _fitted(s, theta: dict[str, float]) -> Fitted:
+    parts = {t: np.array([theta[str(t)]]) for t in s.terms if str(t) in theta}
+    h = Hypothesis.of(*parts)
+    values = h.gather(s.sim.ctx, parts)
+    return Fitted(h, values, values)
+
+
+def _stiff(model: mujoco.MjModel) -> None:
+    model.dof_solref[:], model.dof_solimp[:] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+
+def test_friction_and_rotor_inertia_in_every_joint_are_found_together():
+    def change(model: mujoco.MjModel) -> None:
+        _stiff(model)
+        model.dof_frictionloss[:] = FRICTION
+        model.dof_armature[:] += ROTOR
+
+    s = _search(change)
+    # what a forward search may begin with: a delay that stands for friction and inertia
+    found = everywhere(s, _fitted(s, {"actuator_delay@elbow_servo": 0.01}))
+    parts = {str(t): float(x[0]) for t, x in found.hypothesis.split(s.sim.ctx, found.theta).items()}
+    expected = {"coulomb_friction@shoulder", "coulomb_friction@elbow", "armature@shoulder", "armature@elbow"}
+    assert set(parts) == expected
+    for joint, friction, rotor in zip(("shoulder", "elbow"), FRICTION, ROTOR, strict=True):
+        assert parts[f"coulomb_friction@{joint}"] == pytest.approx(friction, rel=0.1)
+        assert parts[f"armature@{joint}"] == pytest.approx(rotor, rel=0.15)
+
+
+def test_what_is_in_one_joint_is_not_sought_in_all():
+    def change(model: mujoco.MjModel) -> None:
+        _stiff(model)
+        model.dof_frictionloss[0] = FRICTION[0]
+        model.body_mass[2] *= 1.5
+        model.body_inertia[2] *= 1.5
+
+    s = _search(change)
+    one = _fitted(s, {"coulomb_friction@shoulder": float(FRICTION[0])})
+    assert not at_noise(s, one, s.whiten_one(one, s.train))
+    said: list[str] = []
+    s.say = said.append
+    assert everywhere(s, one) is one
+    assert any("every joint" in text for text in said)
+
+
+def test_all_joints_are_looked_at_once_where_two_lack_plain_effects(monkeypatch):
+    s, kept = _search(_stiff), []
+    monkeypatch.setattr(s, "keep", kept.append)
+    one = _fitted(s, {"coulomb_friction@elbow": 0.1})
+    two = _fitted(s, {"coulomb_friction@elbow": 0.1, "armature@elbow": 0.01})
+    more = _fitted(
+        s, {"coulomb_friction@elbow": 0.1, "armature@elbow": 0.01, "coulomb_friction@shoulder": 0.1}
+    )
+
+    def look(s, _current):
+        s.looked = True
+        return more
+
+    monkeypatch.setattr(searching, "everywhere", look)
+    assert searching._wider(s, one) is one
+    assert not s.looked
+    assert searching._wider(s, two) is more
+    assert s.looked and searching._wider(s, two) is two
+
+    s.looked, s.resume = False, Reached(two)
+    nothing = np.zeros(0)
+    monkeypatch.setattr(searching, "compete", lambda _s, f, _terms: ([], Scored(f, nothing, nothing, 0, 0)))
+    assert searching.search(s) == (more, [])
+    assert [r.fit for r in kept] == [more]

@@ -1,0 +1,282 @@
+"""What the search decides with: forces between rows, starts, small further effects, intervals, the noise floor."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis import Config, Recording
+from mpge_jax.diagnosis.dataset import preparation as preparation
+from mpge_jax.diagnosis.dataset.preparation import prepare
+from mpge_jax.diagnosis.effects.base import REGISTRY, Effect, Place, nominal_context
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, column_scale, numerics, robust_loss, whitener
+from mpge_jax.diagnosis.evidence.null_distribution import floor
+from mpge_jax.diagnosis.machine.model import compile_variable, names_of
+from mpge_jax.diagnosis.recordings.recording import validate
+from mpge_jax.diagnosis.recordings.states import States, estimate
+from mpge_jax.diagnosis.selection.alternatives import find_rivals
+from mpge_jax.diagnosis.selection.backward_elimination import final_fit
+from mpge_jax.diagnosis.selection.competition import LOUD, QUIET, at_noise
+from mpge_jax.diagnosis.selection.criteria import SMALL, share
+from mpge_jax.diagnosis.selection.forward_selection import search
+from mpge_jax.diagnosis.selection.search_state import MANY, WORK
+from mpge_jax.diagnosis.selection.setup import build_search
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.informative_windows import SCREEN_WINDOWS, screen_windows
+from mpge_jax.diagnosis.verdict.judgement import note_numerics
+from tests.diagnosis.machines import ARM, PENDULUM, record
+
+FLYER = """<mujoco><option timestep="0.004" gravity="0 0 0"/><worldbody><body name="frame"><freejoint/>
+<geom type="box" size=".2 .1 .05" mass="1" contype="0" conaffinity="0"/><site name="s" pos=".2 0 0"/></body></worldbody>
+<actuator><motor name="rotor" site="s" gear="0 0 1 0 0 0"/></actuator></mujoco>"""
+
+
+def _prepared(xml: str, recordings: list[Recording]):
+    spec = mujoco.MjSpec.from_string(xml)
+    plain = compile_variable(spec)
+    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+
+
+def _search(p):
+    return build_search(p, lambda _text: None, p.config.decide_s)
+
+
+def test_a_servos_force_is_no_staircase():
+    time = np.array([0.0, 1.0, 2.0])
+    states = States(np.zeros((3, 1)), np.zeros((3, 1)), np.zeros((3, 1)), np.zeros((3, 1, 2, 2)))
+    recording = Recording("r", time, np.zeros((3, 1)), None, np.zeros((3, 2)))
+    command = np.array([[0.0, 0.0], [2.0, 2.0], [6.0, 6.0]])
+    source = Source.build(recording, states, command, command * [0.0, 1.0])
+    means = source.mean_command(np.array([0.0, 1.0, 2.0]))
+    np.testing.assert_allclose(means, [[0.0, 1.0], [2.0, 4.0]])
+
+
+SERVO = """<mujoco><option timestep="0.002"/><worldbody><body name="arm"><joint name="pivot" axis="0 1 0" damping="1"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.5" size=".02" mass="1" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><position name="servo" joint="pivot" kp="20"/></actuator></mujoco>"""
+
+
+def test_a_servos_force_is_no_staircase_where_measurements_are_the_states(monkeypatch):
+    model = mujoco.MjModel.from_xml_string(SERVO)
+    recordings, felt = [], []
+    for k in range(3):
+        data, rows, time = mujoco.MjData(model), [], 0.02 * np.arange(120)
+        for t in time:
+            data.ctrl[:] = np.sin(3.0 * t + k)
+            mujoco.mj_forward(model, data)
+            rows.append([data.qpos[0], data.qvel[0], data.ctrl[0], data.actuator_force[0]])
+            for _ in range(10):
+                mujoco.mj_step(model, data)
+                felt.append(float(data.actuator_force[0]))
+        q, v, u, f = np.array(rows).T[..., None]
+        recordings.append(Recording(f"run_{k}", time, q, v, u, f))
+    monkeypatch.setattr(preparation, "is_coarse", lambda *_: True)
+    monkeypatch.setattr(preparation, "bound", lambda *args: dataclasses.replace(args[2], direct=True))
+    source = _prepared(SERVO, recordings).train_sources[0]
+    force = source.recording.force
+    np.testing.assert_array_equal(source.states.qpos, source.recording.qpos)
+    # of the first recording, which is not held out; the last row lasts for no time
+    actual = 0.02 * np.mean(np.reshape(felt, (3, 120, 10))[0, :-1], axis=1)
+    straight = 0.02 * 0.5 * (force[:-1, 0] + force[1:, 0])
+    error, error_of_line = (np.abs(x - actual).max() for x in (np.diff(source.integral[:, 0]), straight))
+    assert error < 0.2 * error_of_line
+
+
+def test_reclipped_bias_over_a_timeline_equals_its_steps():
+    effect = REGISTRY["actuator_bias:reclipped"]
+    ctx = nominal_context(mujoco.MjModel.from_xml_string(PENDULUM))
+    place = Place("actuator", "motor", 0)
+    u = np.random.default_rng(0).normal(0, 3, (2, 7))
+    theta = np.array([[0.5], [-1.5]])
+    np.testing.assert_allclose(
+        effect.timeline(ctx, place, theta, u, 0.01), Effect.timeline(effect, ctx, place, theta, u, 0.01)
+    )
+
+
+def test_saturation_is_also_looked_for_near_the_largest_force():
+    ctx = nominal_context(mujoco.MjModel.from_xml_string(PENDULUM))
+    starts = REGISTRY["torque_saturation"].starts(ctx, Place("actuator", "motor", 0))
+    assert starts.max() > 0.95 * ctx.drive[0]
+
+
+def test_what_is_left_on_a_free_body_does_not_raise_the_floor():
+    """A free body turned by something unknown: noise alone explains none of it."""
+
+    def turn(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_applied[3:6] = 0.05 * np.sin(9.0 * data.time)
+
+    recordings = record(FLYER, 0.05, force=turn, noise=2e-4)
+    for r in recordings:
+        r.qpos[:, 3:] /= np.linalg.norm(r.qpos[:, 3:], axis=1, keepdims=True)
+    p = _prepared(FLYER, recordings)
+    assert floor(p, NOTHING).loss < 2.0
+
+
+@pytest.fixture(scope="module")
+def gained():
+    def change(model: mujoco.MjModel) -> None:
+        model.actuator_gainprm[:, 0] = 0.7
+
+    return _search(_prepared(PENDULUM, record(PENDULUM, 0.8, change=change)))
+
+
+def _with(s, theta: dict[str, float]) -> Fitted:
+    places = {"actuator_gain": Place("actuator", "motor", 0), "viscous_damping": Place("joint", "hinge", 0)}
+    h = Hypothesis.of(*(Term(i, places[i]) for i in theta))
+    values = h.gather(s.sim.ctx, {Term(i, places[i]): np.array([v]) for i, v in theta.items()})
+    return Fitted(h, values, values)
+
+
+def test_a_further_effect_must_move_the_prediction(gained):
+    base = _with(gained, {"actuator_gain": 0.7})
+    tiny = _with(gained, {"actuator_gain": 0.7, "viscous_damping": 1e-5})
+    real = _with(gained, {"actuator_gain": 0.7, "viscous_damping": 0.05})
+    assert share(gained, tiny, base) < SMALL < share(gained, real, base)
+
+
+def test_work_counts_steps_by_what_they_cost(gained):
+    sim, w = dataclasses.replace(gained.sim, work=0.0), gained.held
+    sim.residuals([Run(Hypothesis(), np.zeros(0))] * 3, w)
+    assert sim.work == 3 * w.count * w.steps
+    with sim.integrator(mujoco.mjtIntegrator.mjINT_RK4):
+        sim.residuals([Run(Hypothesis(), np.zeros(0))], w)
+    assert sim.work == (3 + 4) * w.count * w.steps
+
+
+def test_fewer_alternatives_are_looked_at_beside_many_terms_or_after_long_work(gained, monkeypatch):
+    terms = [Term("actuator_gain", Place("actuator", "motor", k)) for k in range(MANY + 1)]
+    for work, brief in ((0.0, (False, False, False, True)), (2 * WORK, (False, False, True, True))):
+        monkeypatch.setattr(gained.sim, "work", work)
+        assert tuple(gained.brief(Hypothesis.of(*terms[:n])) for n in (0, 1, 2, MANY + 1)) == brief
+
+
+def test_two_effects_are_found_and_weighed_after_long_work():
+    def change(model: mujoco.MjModel) -> None:
+        model.actuator_gainprm[0, 0] = 0.7
+        model.dof_frictionloss[1] = 0.1
+
+    s = _search(_prepared(ARM, record(ARM, [2.0, 0.8], change=change)))
+    s.sim.work = 2 * WORK
+    f, last = search(s)
+    assert {(t.id, t.place.name) for t in f.hypothesis.terms} == {
+        ("actuator_gain", "shoulder_motor"),
+        ("coulomb_friction", "elbow"),
+    }
+    f, whites = final_fit(s, f)
+    rivals = find_rivals(s, s.score([f], whites)[0], whites, last)
+    assert all(rivals[t] and not any(r.tied or r.better for r in rivals[t]) for t in f.hypothesis.terms)
+
+
+def test_intervals_allow_for_the_timestep(gained):
+    f, _ = final_fit(gained, _with(gained, {"actuator_gain": 0.72}))
+    deviation = np.sqrt(f.cov[0, 0])
+    assert abs(f.theta[0] - 0.7) < 3 * deviation
+    assert deviation < 0.05
+
+
+def test_a_floating_base_has_sensors_and_air_but_no_friction():
+    base = """<mujoco><worldbody><body name="frame"><joint name="x" type="slide" axis="1 0 0"/>
+    <joint name="z" type="slide" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
+    <geom type="box" size=".2 .1 .05" mass="1"/></body></worldbody></mujoco>"""
+    ctx = nominal_context(mujoco.MjModel.from_xml_string(base))
+    for name in ("sensor_delay", "encoder_offset", "viscous_damping"):
+        assert [p.name for p in REGISTRY[name].places(ctx)] == ["x", "z", "pitch"]
+    assert not REGISTRY["coulomb_friction"].places(ctx)
+
+
+@pytest.mark.parametrize("pose", [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, -0.5, 0.5]])
+def test_noise_of_an_orientation_does_not_depend_on_the_pose(pose):
+    rng, sigma, rows = np.random.default_rng(0), 1e-3, 400
+    model = mujoco.MjModel.from_xml_string(FLYER)
+    qpos = np.zeros((rows, 7))
+    for row in qpos:
+        row[3:] = pose
+        mujoco.mj_integratePos(model, row, np.r_[0, 0, 0, sigma * rng.standard_normal(3)], 1.0)
+    recording = Recording("r", 0.01 * np.arange(rows), qpos, None, np.zeros((rows, 1)))
+    noise, states, _ = estimate([recording], model, names_of(model))
+    assert noise.angle(3) == pytest.approx(sigma, rel=0.15)
+    np.testing.assert_allclose(column_scale(noise, model)[3:6], noise.angle(3))
+    np.testing.assert_allclose(states[0].cov[:, 3:6, 0, 0], noise.angle(3) ** 2)
+
+
+def test_screening_looks_where_something_happens():
+    x = np.ones(40)
+    x[[7, 19, 33]] = 50.0
+    index = screen_windows(x, np.random.default_rng(0))
+    assert {7, 19, 33} <= set(index.tolist())
+    assert len(set(index.tolist())) == SCREEN_WINDOWS
+
+
+STIFF = SERVO.replace('kp="20"', 'kp="80" kv="2" forcerange="-1.5 1.5"').replace(
+    'timestep="0.002"', 'timestep="0.004"'
+)
+
+
+def test_what_a_coarse_timestep_gets_wrong_is_noise_where_it_is_not_linear():
+    """A servo that saturates, recorded from four times finer steps, lacks nothing."""
+    p = _prepared(STIFF, record(STIFF, 0.8, noise=1e-5))
+    s = _search(p)
+    residual = p.sim.residuals([Run(NOTHING.hypothesis, NOTHING.theta)], s.held)
+    around = (p.sim, NOTHING.hypothesis, NOTHING.theta, s.held, p.noise)
+    plain = whitener(*around, temper=False)
+    white = s.whiten_one(NOTHING, s.held, temper=False)
+    loss = [robust_loss(w.excess(w(residual))[0]).mean() for w in (plain, white)]
+    assert loss[0] > 5.0 and loss[1] < 1.5
+    assert (
+        white.scale.shape == residual.shape[1:]
+        and (white.take(np.array([0, 2])).scale == white.scale[[0, 2]]).all()
+    )
+
+
+PENDULUMS = "".join(
+    f"""<body pos="0 {k} 0"><joint name="j{k}" axis="0 1 0" damping="0.02" armature="0.004"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/></body>"""
+    for k in range(16)
+)
+MOTORS = "".join(f'<motor joint="j{k}"/>' for k in range(16))
+PENDULA = f"""<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>{PENDULUMS}</worldbody>
+<actuator>{MOTORS}</actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("lacking", [0.0, 0.002])
+def test_what_one_of_many_joints_lacks_does_not_drown(lacking):
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_damping[3] += lacking
+
+    s = _search(_prepared(PENDULA, record(PENDULA, 0.8, change=change, noise=1e-3)))
+    white = s.whiten_one(NOTHING, s.train)
+    flat = white(s.sim.residuals([Run(NOTHING.hypothesis, NOTHING.theta)], s.train))[0]
+    each = robust_loss(white.by_dof(flat, 16)).mean(0)
+    assert robust_loss(white.excess(flat)).mean() < QUIET and white.factor == 1.0
+    assert (np.flatnonzero(each > LOUD) == ([3] if lacking else [])).all()
+    assert at_noise(s, NOTHING, white) == (not lacking)
+
+
+def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
+    """MuJoCo's Euler takes a servo's damping at the old speed, implicitfast at the new one."""
+    stiff = ARM.replace('kp="8" kv="0.4"', 'kp="60" kv="1.5"')
+    explicit = stiff.replace('"implicitfast"', '"Euler"').replace('"0.002"', '"0.004"')
+    s = _search(_prepared(stiff, record(explicit, 0.8, noise=3e-6)))
+    nothing = Run(NOTHING.hypothesis, NOTHING.theta)
+    changes = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held)
+    losses = []
+    for nuisance in (changes, {k: x for k, x in changes.items() if k != INTEGRATOR}):
+        white = whitener(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held, s.noise, nuisance, temper=False)
+        losses.append(robust_loss(white.excess(white(s.sim.residuals([nothing], s.held))[0])).mean())
+    assert losses[0] < 1.1 < 2.0 < losses[1]
+    assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+@pytest.mark.parametrize(("timestep", "warned"), [("0.002", True), ("0.008", False)])
+def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
+    """Recordings are made with a quarter of the timestep."""
+    p = _prepared(PENDULUM, record(PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
+    note_numerics(p, NOTHING, p.windows(True, p.config.report_s, 60))
+    assert any("move as with a finer timestep" in w for w in p.warnings) == warned
+    assert not any("another moment" in w for w in p.warnings)
