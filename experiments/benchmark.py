@@ -28,10 +28,13 @@ from rich.markdown import Markdown
 import envs
 from envs.tasks import gymnasium_spec
 from experiments.storage import versions
-from mpge_jax import buffer, collect, files, grounding, policies, sac, target_log, transformer, trpo, value
-from mpge_jax.grounding_config import GroundingConfig
-from mpge_jax.policy_gradient import PolicyBatch
-from mpge_jax.sac import SACConfig
+from mpge_jax import files
+from mpge_jax.grounding import adversarial, collect, transformer
+from mpge_jax.grounding.config import GroundingConfig
+from mpge_jax.learning import buffer, sac, trpo, value
+from mpge_jax.learning.policy_gradient import PolicyBatch
+from mpge_jax.learning.sac import SACConfig
+from mpge_jax.rollouts import policies, target_log
 
 PARTS = ("envs", "grounding", "stages", "sac")
 STAGES = ("collection", "discriminator", "values", "TRPO")
@@ -175,9 +178,9 @@ def measure_grounding(backend: str, members: int, config: GroundingConfig, secon
     target = envs.make(TARGET, "c" if jax.default_backend() == "cpu" else backend)
     log = target_log.collect(jax.random.key(0), target, rollout.rollout, SAMPLES)
     keys = jax.random.split(jax.random.key(1), members)
-    state = jax.jit(jax.vmap(lambda key: grounding.init(key, source, rollout.rollout, log, config)))(keys)
+    state = jax.jit(jax.vmap(lambda key: adversarial.init(key, source, rollout.rollout, log, config)))(keys)
     step = jax.jit(
-        jax.vmap(lambda s: grounding.update(s, source, rollout.rollout, log, config)[0]), donate_argnums=0
+        jax.vmap(lambda s: adversarial.update(s, source, rollout.rollout, log, config)[0]), donate_argnums=0
     )
     row = measure(_stepper(step, state), members * config.batch_size, seconds)
     return {
@@ -198,19 +201,19 @@ def measure_stage(stage: str, members: int, config: GroundingConfig, seconds: fl
     @jax.jit
     @jax.vmap
     def begin(key: jax.Array) -> Any:
-        state = grounding.init(key, source, rollout, log, config)
+        state = adversarial.init(key, source, rollout, log, config)
         begun = state.env_state, state.rollout_policy
         return state, collect.collect(key, state.current, begun, source, rollout, log, config)[1]
 
     keys = jax.random.split(jax.random.key(1), members)
     state, rows = begin(keys)
 
-    def run(key: jax.Array, state: grounding.GroundingState, rows: collect.Rows) -> Any:
+    def run(key: jax.Array, state: adversarial.GroundingState, rows: collect.Rows) -> Any:
         if stage == "collection":
             begun = state.env_state, state.rollout_policy
             return collect.collect(key, state.current, begun, source, rollout, log, config)
         if stage == "discriminator":
-            return grounding._update_discriminator(
+            return adversarial._update_discriminator(
                 key, state.discriminator, rows.transitions, rows.rollout_policy, log, state.expected, config
             )
         inputs = transformer.network_inputs(state.transformer, rows.observation, rows.action)

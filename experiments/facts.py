@@ -14,7 +14,7 @@ import tyro
 
 from experiments.presets import PAPER, PRESETS, Preset, TaskSettings
 from mpge_jax import files
-from mpge_jax.trpo import TRPOConfig
+from mpge_jax.learning.trpo import TRPOConfig
 
 TASKS = tuple(PAPER.tasks)
 

@@ -17,14 +17,17 @@ import numpy as np
 
 import envs
 from experiments.presets import Preset
-from mpge_jax import agent, ensemble, loop, policies, target_log, transform_error
-from mpge_jax.grounded_env import GroundedEnv
-from mpge_jax.grounding_config import GroundingConfig
+from mpge_jax import loop
+from mpge_jax.grounding import ensemble, transform_error
+from mpge_jax.grounding.config import GroundingConfig
+from mpge_jax.grounding.grounded_env import GroundedEnv
+from mpge_jax.grounding.transformer import Transformer
+from mpge_jax.learning import agent
+from mpge_jax.learning.sac import SACState
 from mpge_jax.loop import Curve
-from mpge_jax.policies import PolicySet
-from mpge_jax.sac import SACState
-from mpge_jax.target_log import TargetLog
-from mpge_jax.transformer import Transformer
+from mpge_jax.rollouts import policies, target_log
+from mpge_jax.rollouts.policies import PolicySet
+from mpge_jax.rollouts.target_log import TargetLog
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,15 @@ shows (`experiments.tuning`, docs/tuning.md) and are frozen.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from mpge_jax import policies
-from mpge_jax.agent import AgentConfig
-from mpge_jax.discriminator import DiscriminatorConfig
-from mpge_jax.early_stop import EarlyStop
-from mpge_jax.grounding_config import GroundingConfig
-from mpge_jax.inversion import InversionConfig
-from mpge_jax.sac import SACConfig
-from mpge_jax.transformer import TransformerConfig
-from mpge_jax.trpo import TRPOConfig
+from mpge_jax.grounding.config import GroundingConfig
+from mpge_jax.grounding.discriminator import DiscriminatorConfig
+from mpge_jax.grounding.early_stop import EarlyStop
+from mpge_jax.grounding.inversion import InversionConfig
+from mpge_jax.grounding.transformer import TransformerConfig
+from mpge_jax.learning.agent import AgentConfig
+from mpge_jax.learning.sac import SACConfig
+from mpge_jax.learning.trpo import TRPOConfig
+from mpge_jax.rollouts import policies
 
 
 @dataclass(frozen=True)

@@ -24,10 +24,12 @@ import tyro
 
 import envs
 from envs import select
-from mpge_jax import agent, loop, policies
-from mpge_jax.agent import AgentConfig, AgentState
-from mpge_jax.policies import PolicySet
-from mpge_jax.sac import SACConfig, SACState
+from mpge_jax import loop
+from mpge_jax.learning import agent
+from mpge_jax.learning.agent import AgentConfig, AgentState
+from mpge_jax.learning.sac import SACConfig, SACState
+from mpge_jax.rollouts import policies
+from mpge_jax.rollouts.policies import PolicySet
 
 EPISODES = 50
 # A policy that hops swings between hardly and very well as it learns: which moment to keep is looked up this often.

@@ -21,8 +21,9 @@ import tyro
 import envs
 from experiments import benchmark, report
 from experiments.methods import METHODS
-from mpge_jax import files, policies
+from mpge_jax import files
 from mpge_jax.loop import Curve
+from mpge_jax.rollouts import policies
 
 SHARES = (0.05, 0.1, 0.25, 0.5, 1.0)
 

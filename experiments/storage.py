@@ -15,10 +15,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from mpge_jax import files, policies
+from mpge_jax import files
+from mpge_jax.grounding.transformer import Transformer
 from mpge_jax.loop import Curve
-from mpge_jax.policies import PolicySet
-from mpge_jax.transformer import Transformer
+from mpge_jax.rollouts import policies
+from mpge_jax.rollouts.policies import PolicySet
 
 ROOT = Path(__file__).resolve().parents[1]
 _PACKAGES = (

@@ -23,11 +23,13 @@ import tyro
 import envs
 from experiments.presets import STANDARD, VineSettings
 from experiments.storage import plain, versions
-from mpge_jax import ensemble, files, policies, target_log, transform_error
-from mpge_jax.discriminator import DiscriminatorConfig
-from mpge_jax.grounding_config import GroundingConfig
-from mpge_jax.transformer import TransformerConfig
-from mpge_jax.trpo import TRPOConfig
+from mpge_jax import files
+from mpge_jax.grounding import ensemble, transform_error
+from mpge_jax.grounding.config import GroundingConfig
+from mpge_jax.grounding.discriminator import DiscriminatorConfig
+from mpge_jax.grounding.transformer import TransformerConfig
+from mpge_jax.learning.trpo import TRPOConfig
+from mpge_jax.rollouts import policies, target_log
 
 SAMPLES = 1_000
 SEEDS = 2

@@ -7,9 +7,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from mpge_jax import transformer
-from mpge_jax.distributions import gaussian_log_prob, gaussian_sample
-from mpge_jax.policy_gradient import PolicyBatch
+from mpge_jax.grounding import transformer
+from mpge_jax.learning.distributions import gaussian_log_prob, gaussian_sample
+from mpge_jax.learning.policy_gradient import PolicyBatch
 
 CONTEXTS = 2
 

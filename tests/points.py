@@ -8,13 +8,13 @@ from functools import cache
 import jax
 import jax.numpy as jnp
 
-from mpge_jax import target_log
-from mpge_jax.discriminator import DiscriminatorConfig
-from mpge_jax.grounding_config import GroundingConfig
-from mpge_jax.rollout import RolloutPolicies
-from mpge_jax.target_log import TargetLog
-from mpge_jax.transformer import TransformerConfig
-from mpge_jax.trpo import TRPOConfig
+from mpge_jax.grounding.config import GroundingConfig
+from mpge_jax.grounding.discriminator import DiscriminatorConfig
+from mpge_jax.grounding.transformer import TransformerConfig
+from mpge_jax.learning.trpo import TRPOConfig
+from mpge_jax.rollouts import target_log
+from mpge_jax.rollouts.rollout import RolloutPolicies
+from mpge_jax.rollouts.target_log import TargetLog
 from tests import probes
 
 SHIFT = 0.5

@@ -10,11 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 
 import envs
-from mpge_jax import policies, sac, target_log, transformer
-from mpge_jax.policies import PolicySet
-from mpge_jax.sac import SACConfig
-from mpge_jax.target_log import TargetLog
-from mpge_jax.transformer import Transformer, TransformerConfig
+from mpge_jax.grounding import transformer
+from mpge_jax.grounding.transformer import Transformer, TransformerConfig
+from mpge_jax.learning import sac
+from mpge_jax.learning.sac import SACConfig
+from mpge_jax.rollouts import policies, target_log
+from mpge_jax.rollouts.policies import PolicySet
+from mpge_jax.rollouts.target_log import TargetLog
 
 SAC = SACConfig(hidden=(8,), batch_size=8)
 

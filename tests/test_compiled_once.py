@@ -12,10 +12,11 @@ import pytest
 
 import mpge_jax
 from experiments import pretrain
-from mpge_jax import agent, early_stop, ensemble, grounding
-from mpge_jax.agent import AgentConfig
-from mpge_jax.early_stop import EarlyStop
-from mpge_jax.ppo import PPOConfig
+from mpge_jax.grounding import adversarial, early_stop, ensemble
+from mpge_jax.grounding.early_stop import EarlyStop
+from mpge_jax.learning import agent
+from mpge_jax.learning.agent import AgentConfig
+from mpge_jax.learning.ppo import PPOConfig
 from tests import points, small
 
 AGENT = AgentConfig(
@@ -26,7 +27,7 @@ STOP = EarlyStop(rows=4)
 
 def ground(config):
     args = (points.SOURCE, points.policies(), points.log(), config)
-    return lambda key: grounding.init(key, *args), lambda state: grounding.update(state, *args)[0]
+    return lambda key: adversarial.init(key, *args), lambda state: adversarial.update(state, *args)[0]
 
 
 def ground_and_judge():
@@ -34,9 +35,9 @@ def ground_and_judge():
     args = (points.SOURCE, points.policies(), log, points.CONFIG)
 
     def update(state):
-        return early_stop.update(state, grounding.update(state.grounding, *args)[0], points.SOURCE, rows)[0]
+        return early_stop.update(state, adversarial.update(state.grounding, *args)[0], points.SOURCE, rows)[0]
 
-    return lambda key: early_stop.init(grounding.init(key, *args), points.SOURCE, rows), update
+    return lambda key: early_stop.init(adversarial.init(key, *args), points.SOURCE, rows), update
 
 
 def train():

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import mpge_jax
-from mpge_jax import inversion, target_log, transform_error, transformer
-from mpge_jax.early_stop import EarlyStop
-from mpge_jax.inversion import InversionConfig
+from mpge_jax.grounding import inversion, transform_error, transformer
+from mpge_jax.grounding.early_stop import EarlyStop
+from mpge_jax.grounding.inversion import InversionConfig
+from mpge_jax.rollouts import target_log
 from tests import points, probes, small
 
 

@@ -1,87 +1,39 @@
-"""The arrows between modules, read from the source: parts -> learners -> algorithms -> experiments."""
+"""The arrows between modules and rooms: one way, without a circle, in folders of a size that one can keep in mind."""
 
-import ast
+from collections import Counter
 from graphlib import CycleError, TopologicalSorter
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("envs", "mpge_jax", "experiments")
-
-# The lower layers of `mpge_jax`, parts before learners. A module may import those of the layers before its
-# own and nothing else of this project but `envs`' choice between two states. One not named here is an algorithm: it
-# may import them, and `envs`.
-LAYERS = (
-    {"buffer", "distributions", "files", "networks", "normalise", "policy_gradient", "progress"},
-    {"discriminator", "loop", "ppo", "sac", "transformer", "trpo", "value"},
+from tests.import_graph import (
+    PACKAGES,
+    PAGE,
+    ROOMS,
+    ROOT,
+    B,
+    D,
+    direct,
+    drawn,
+    import_graph,
+    imports_of,
+    module_files,
+    page,
+    room_of,
+    within,
 )
 
-DIAGNOSIS = "mpge_jax.diagnosis"
-BLIND = "experiments.blind"
+MOST = 15
+"""Modules in a folder."""
+GRAPH = import_graph()
 
 
-def module_files(root: Path = ROOT) -> dict[str, Path]:
-    """Maps each module's dotted name to its file; a package goes by the name of its folder."""
-    files = {}
-    for package in PACKAGES:
-        for path in sorted((root / package).rglob("*.py")):
-            parts = path.relative_to(root).with_suffix("").parts
-            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return files
-
-
-def imports_of(module: str, source: str, *, is_package: bool, known: frozenset[str]) -> set[str]:
-    """The modules among `known` that `source` names in an import, those inside of functions included.
-
-    What stands under `if TYPE_CHECKING:` does not count: no program ever runs it.
-    """
-    found = set()
-    tree = ast.parse(source)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
-            node.body = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            targets = [(alias.name, None) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                climb = node.level - is_package
-                package = module.split(".")[: len(module.split(".")) - climb]
-                base = ".".join([*package, *([base] if base else [])])
-            targets = [(base, alias.name) for alias in node.names]
-        else:
-            continue
-        for base, name in targets:
-            # `from a.b import c` means the module a.b.c where there is one, else something defined in a.b.
-            found |= {f"{base}.{name}" if f"{base}.{name}" in known else base} & known
-    return found - {module}
-
-
-def import_graph(root: Path = ROOT) -> dict[str, set[str]]:
-    files = module_files(root)
-    known = frozenset(files)
-    return {
-        module: imports_of(module, path.read_text("utf-8"), is_package=path.stem == "__init__", known=known)
-        for module, path in files.items()
-    }
-
-
-def within(module: str, package: str) -> bool:
-    return module == package or module.startswith(package + ".")
-
-
-def reachable(graph: dict[str, set[str]], start: str) -> set[str]:
+def reachable(start: str) -> set[str]:
     seen, todo = set(), [start]
     while todo:
-        for target in graph[todo.pop()] - seen:
+        for target in GRAPH[todo.pop()] - seen:
             seen.add(target)
             todo.append(target)
     return seen
-
-
-GRAPH = import_graph()
 
 
 def edges(source: str, target: str) -> list[tuple[str, str]]:
@@ -94,15 +46,9 @@ def edges(source: str, target: str) -> list[tuple[str, str]]:
     ]
 
 
-def test_all_three_packages_are_seen():
+def test_all_packages_and_rooms_are_there():
     assert {module.split(".")[0] for module in GRAPH} == set(PACKAGES)
-
-
-@pytest.mark.parametrize(
-    ("source", "target"), [("envs", "mpge_jax"), ("envs", "experiments"), ("mpge_jax", "experiments")]
-)
-def test_arrows_between_packages_point_one_way(source, target):
-    assert edges(source, target) == []
+    assert {room_of(module) for module in GRAPH} == set(ROOMS)
 
 
 def test_no_import_cycles():
@@ -112,25 +58,54 @@ def test_no_import_cycles():
         pytest.fail("import cycle: " + " <- ".join(error.args[1]))
 
 
-@pytest.mark.parametrize("depth", range(len(LAYERS)))
-def test_layers_import_lower_layers_only(depth):
-    below = {f"mpge_jax.{module}" for layer in LAYERS[:depth] for module in layer}
-    for module in sorted(LAYERS[depth]):
-        upward = GRAPH[f"mpge_jax.{module}"] - below - {"envs.select"}
-        assert upward == set(), f"mpge_jax.{module} imports what is not below it"
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_imports_lower_rooms_only(room):
+    height = ROOMS.index(room)
+    upward = [
+        f"{module} -> {target}"
+        for module in GRAPH
+        if room_of(module) == room
+        for target in GRAPH[module]
+        if ROOMS.index(room_of(target)) > height
+    ]
+    assert upward == []
 
 
-def test_learning_does_not_import_the_diagnosis():
-    # The package itself may: `mpge_jax.diagnose` is part of its interface.
-    importers = {importer for importer, _ in edges("mpge_jax", DIAGNOSIS)} - {"mpge_jax"}
-    assert [importer for importer in importers if not within(importer, DIAGNOSIS)] == []
+def test_the_halves_share_no_more_than_the_target_log():
+    # The face of the package gives both halves' names.
+    shared = edges(D, "mpge_jax.learning") + edges(D, "mpge_jax.grounding") + edges(D, "mpge_jax.rollouts")
+    assert {target for _, target in shared} == {"mpge_jax.rollouts.target_log"}
 
 
 def test_blind_cases_share_no_code_with_the_diagnosis():
     for module in GRAPH:
-        if within(module, BLIND):
-            shared = sorted(target for target in reachable(GRAPH, module) if within(target, DIAGNOSIS))
+        if within(module, B):
+            shared = sorted(target for target in reachable(module) if within(target, D))
             assert shared == [], f"{module} reaches the engine that it puts to the test"
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, "tests"])
+def test_no_folder_holds_too_many_modules(package):
+    counts = Counter(p.parent for p in (ROOT / package).rglob("*.py") if p.stem != "__init__")
+    assert {str(folder.relative_to(ROOT)): n for folder, n in counts.items() if n > MOST} == {}
+
+
+def test_every_room_has_its_tests():
+    """`tests/` has the folders of the packages: what a room does is tested in the folder of that name."""
+    packages = [p.parent for p in (ROOT / "mpge_jax").rglob("__init__.py")][1:]
+    lacking = [
+        f for f in packages if not any((ROOT / "tests" / f.relative_to(ROOT / "mpge_jax")).glob("test_*.py"))
+    ]
+    assert [str(f.relative_to(ROOT)) for f in lacking] == []
+
+
+def test_the_picture_of_the_rooms_is_that_of_the_imports():
+    text = PAGE.read_text("utf-8")
+    assert page(text, drawn(GRAPH, module_files())) == text, "python -m tests.import_graph draws it anew"
+
+
+def test_arrows_that_longer_ways_imply_are_not_drawn():
+    assert direct({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == {"a": {"b"}, "b": {"c"}, "c": set()}
 
 
 @pytest.mark.parametrize(
@@ -143,6 +118,7 @@ def test_blind_cases_share_no_code_with_the_diagnosis():
         ("from .a import thing", {"p.a"}),
         ("from .sub.c import thing", {"p.sub.c"}),
         ("def f():\n    import p.a as x", {"p.a"}),
+        ("if TYPE_CHECKING:\n    from p.a import thing", {"p.a"}),
         ("import numpy\nfrom numpy import a", set()),
     ],
 )

@@ -15,27 +15,21 @@ import pytest
 from beartype.door import is_bearable
 from flax import struct
 
-from mpge_jax import (
-    agent,
-    buffer,
+from mpge_jax.grounding import (
+    adversarial,
     collect,
     discriminator,
-    distributions,
     early_stop,
-    grounding,
     inversion,
-    normalise,
-    policies,
-    ppo,
     prediction,
-    sac,
     transformer,
-    value,
 )
-from mpge_jax.agent import AgentConfig
-from mpge_jax.discriminator import DiscriminatorConfig, Transitions
-from mpge_jax.early_stop import EarlyStop
-from mpge_jax.value import ValueConfig
+from mpge_jax.grounding.discriminator import DiscriminatorConfig, Transitions
+from mpge_jax.grounding.early_stop import EarlyStop
+from mpge_jax.learning import agent, buffer, distributions, normalise, ppo, sac, value
+from mpge_jax.learning.agent import AgentConfig
+from mpge_jax.learning.value import ValueConfig
+from mpge_jax.rollouts import policies
 from tests import bandit, points, small
 from tests.shape_checks import MODULES
 
@@ -74,7 +68,7 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_shape_or_type_is_refused_by_the_function_it_was_given_to(name):
-    with pytest.raises(jaxtyping.TypeCheckError, match=rf"the parameters of mpge_jax\.{name}\.\n"):
+    with pytest.raises(jaxtyping.TypeCheckError, match=rf"the parameters of mpge_jax\.\w+\.{name}\.\n"):
         WRONG[name]()
 
 
@@ -137,11 +131,11 @@ def grounded(key):
     """All states of a grounding, one iteration in."""
     log, rows = EarlyStop(rows=4).hold_out(points.log())
     args = (points.SOURCE, points.policies(), log, GROUNDING)
-    first = grounding.init(key, *args)
+    first = adversarial.init(key, *args)
     _, drawn = collect.collect(
         key, first.current, (first.env_state, first.rollout_policy), args[0], args[1], log, GROUNDING
     )
-    second, _ = grounding.update(first, *args)
+    second, _ = adversarial.update(first, *args)
     judged = early_stop.init(first, points.SOURCE, rows)
     return judged, early_stop.update(judged, second, points.SOURCE, rows)[0], drawn, log, rows
 

@@ -1,4 +1,4 @@
-"""The one exception for bad input, and the collector for warnings that a report shows."""
+"""The one exception for bad input."""
 
 from __future__ import annotations
 

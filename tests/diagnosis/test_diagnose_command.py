@@ -17,7 +17,7 @@ import pytest
 
 from experiments.diagnose import main
 from mpge_jax.diagnosis import VOCABULARY, Config, InputError, Recording, diagnose
-from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel
+from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.corrected.mjcf import write_models
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.machine.model import load_spec

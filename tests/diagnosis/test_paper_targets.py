@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import envs
-from mpge_jax import target_log
 from mpge_jax.diagnosis import Config, Diagnosis, diagnose
-from mpge_jax.diagnosis.corrected.tasks import nominal_spec, recordings_of
+from mpge_jax.diagnosis.corrected import nominal_spec, recordings_of
 from mpge_jax.diagnosis.report.markdown_page import markdown
-from mpge_jax.policies import shipped
-from mpge_jax.target_log import TargetLog
+from mpge_jax.rollouts import target_log
+from mpge_jax.rollouts.policies import shipped
+from mpge_jax.rollouts.target_log import TargetLog
 
 ROOT = Path(__file__).parents[2]
 BUDGET = 500

@@ -10,7 +10,7 @@ import numpy as np
 from experiments import methods, sweep
 from experiments.methods import Cell, Outcome
 from experiments.presets import PRESETS
-from mpge_jax import policies
+from mpge_jax.rollouts import policies
 from tests import small
 from tests.experiments.tiny import TINY
 

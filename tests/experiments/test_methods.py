@@ -10,10 +10,11 @@ import pytest
 import envs
 from experiments import methods
 from experiments.methods import METHODS, Cell
-from mpge_jax import ensemble, policies, target_log
-from mpge_jax.early_stop import EarlyStop
-from mpge_jax.grounded_env import GroundedEnv
-from mpge_jax.target_log import TargetLog
+from mpge_jax.grounding import ensemble
+from mpge_jax.grounding.early_stop import EarlyStop
+from mpge_jax.grounding.grounded_env import GroundedEnv
+from mpge_jax.rollouts import policies, target_log
+from mpge_jax.rollouts.target_log import TargetLog
 from tests import small
 from tests.experiments.tiny import TINY
 

@@ -8,11 +8,11 @@ import pytest
 from experiments import facts
 from experiments.methods import METHODS, grounding_config
 from experiments.presets import PAPER, PRESETS, QUICK, RELEASE, STANDARD, VineSettings
-from mpge_jax.discriminator import DiscriminatorConfig
-from mpge_jax.grounding_config import GroundingConfig
-from mpge_jax.sac import SACConfig
-from mpge_jax.transformer import TransformerConfig
-from mpge_jax.trpo import TRPOConfig
+from mpge_jax.grounding.config import GroundingConfig
+from mpge_jax.grounding.discriminator import DiscriminatorConfig
+from mpge_jax.grounding.transformer import TransformerConfig
+from mpge_jax.learning.sac import SACConfig
+from mpge_jax.learning.trpo import TRPOConfig
 
 TASKS = ("InvertedPendulum", "Hopper", "HalfCheetah")
 ROOT = Path(__file__).parents[2]

@@ -9,9 +9,10 @@ import pytest
 
 import envs
 from experiments import pretrain
-from mpge_jax import agent, policies, sac
-from mpge_jax.agent import AgentConfig
-from mpge_jax.sac import SACConfig
+from mpge_jax.learning import agent, sac
+from mpge_jax.learning.agent import AgentConfig
+from mpge_jax.learning.sac import SACConfig
+from mpge_jax.rollouts import policies
 from tests import small
 
 CONFIG = AgentConfig(

@@ -18,7 +18,7 @@ import pytest
 from experiments import methods, sweep
 from experiments.methods import METHODS, Outcome
 from experiments.presets import PRESETS
-from mpge_jax import policies, target_log
+from mpge_jax.rollouts import policies, target_log
 from tests import small
 from tests.experiments.tiny import TINY
 

@@ -1,13 +1,13 @@
 """A preset of a few steps, for whole cells in tests."""
 
 from experiments.presets import PlusSettings, Preset, TaskSettings, VineSettings
-from mpge_jax.agent import AgentConfig
-from mpge_jax.discriminator import DiscriminatorConfig
-from mpge_jax.early_stop import EarlyStop
-from mpge_jax.grounding_config import GroundingConfig
-from mpge_jax.inversion import InversionConfig
-from mpge_jax.transformer import TransformerConfig
-from mpge_jax.trpo import TRPOConfig
+from mpge_jax.grounding.config import GroundingConfig
+from mpge_jax.grounding.discriminator import DiscriminatorConfig
+from mpge_jax.grounding.early_stop import EarlyStop
+from mpge_jax.grounding.inversion import InversionConfig
+from mpge_jax.grounding.transformer import TransformerConfig
+from mpge_jax.learning.agent import AgentConfig
+from mpge_jax.learning.trpo import TRPOConfig
 from tests import small
 
 TINY = Preset(

@@ -22,7 +22,7 @@ from envs.types import Task
 from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.recordings.recording import Recording
-from mpge_jax.target_log import TargetLog
+from mpge_jax.rollouts.target_log import TargetLog
 
 Array = np.ndarray
 
@@ -65,7 +65,7 @@ def recordings_of(log: TargetLog, task: Task | str) -> list[Recording]:
     unknown there.
 
     Args:
-        log: transitions of the target (see `mpge_jax.target_log.collect`). task: of the nominal machine.
+        log: transitions of the target (see `mpge_jax.rollouts.target_log.collect`). task: of the nominal machine.
 
     Raises:
         InputError: observations that do not determine the task's state, or that belong to another task.

@@ -80,7 +80,7 @@ def with_drives(
 
     Args:
         plain: the nominal model. moving: actuators whose force is not held between rows, beside those that `follows`
-            knows. law: of all of them, for one recording. age: actuator -> `staleness` (s).
+            knows. law: of all of them, for one recording. age: actuator -> `servo_force_age.staleness` (s).
     """
     continuous = follows(plain)
     continuous[list(moving)] = True

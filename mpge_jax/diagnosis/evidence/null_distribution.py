@@ -50,7 +50,7 @@ class Floor:
 
     Attributes:
         loss, error: mean of the windows' losses and its standard error. losses: [W] those losses.
-        ratio: root-mean-square error relative to `verdict.noise_floor`, which takes start state and measurements for
+        ratio: root-mean-square error relative to `noise_floor`, which takes start state and measurements for
             independent (they are not: the state was smoothed from the same measurements) and knows nothing of noise
             in measured forces. each: [W, nv] losses of every degree of freedom by itself.
     """

@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.whitening import Whitener, whitener
 from mpge_jax.diagnosis.machine.model import scalar_joints
-from mpge_jax.diagnosis.selection.all_joints import PLAIN
+from mpge_jax.diagnosis.selection.all_joints import IN_EVERY_JOINT
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows, cut
@@ -149,7 +149,7 @@ def describe_zeros(p: Prepared, zeros: dict[str, Array]) -> str:
 def _with_plain(p: Prepared, f: Fitted) -> Fitted:
     """`f` with friction, damping and rotor inertia in every joint: what it has not found yet is not to shift zeros."""
     hypothesis, parts, centres = f.hypothesis, *(f.hypothesis.split(p.ctx, x) for x in (f.theta, f.centre))
-    for term in (Term(i, j) for i in PLAIN for j in _joints(p)):
+    for term in (Term(i, j) for i in IN_EVERY_JOINT for j in _joints(p)):
         if compatible(hypothesis, term):
             hypothesis = hypothesis.with_term(term)
             parts[term] = centres[term] = np.asarray(term.effect.starts(p.ctx, term.place))[0]

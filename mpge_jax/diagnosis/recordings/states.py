@@ -27,7 +27,7 @@ class Noise:
 
     Attributes:
         qpos: [nq]. qvel: [nv]; infinite where recorded velocities are not used. quantum: [nq].
-        direct: whether the measurements are taken as states without smoothing (see `coarse`).
+        direct: whether the measurements are taken as states without smoothing (see `coarse_sampling`).
     """
 
     qpos: Array

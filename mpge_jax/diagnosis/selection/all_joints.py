@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.selection.competition import at_noise
 from mpge_jax.diagnosis.selection.criteria import NAMED, accept, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 
-PLAIN = ("coulomb_friction", "armature", "viscous_damping")
+IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
 AFTER = 3
 """Effects that the forward search has found before the other direction is tried."""
 TOGETHER = 2
@@ -69,7 +69,7 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
 
 def drives_lack(f: Fitted) -> bool:
     """Whether so many plain effects of joints were found that other joints may lack them too."""
-    return sum(t.id in PLAIN and t.place.kind == "joint" for t in f.hypothesis.terms) >= TOGETHER
+    return sum(t.id in IN_EVERY_JOINT and t.place.kind == "joint" for t in f.hypothesis.terms) >= TOGETHER
 
 
 def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
@@ -83,7 +83,7 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
     hypothesis = Hypothesis.of(*(t for t in parts if keep or t not in doubtful))
     known = len(hypothesis.terms)
     for term in s.terms:
-        if term.id in PLAIN and term.place.kind == "joint" and compatible(hypothesis, term):
+        if term.id in IN_EVERY_JOINT and term.place.kind == "joint" and compatible(hypothesis, term):
             hypothesis = hypothesis.with_term(term)
             parts[term] = np.asarray(term.effect.starts(ctx, term.place))[0]
     if len(hypothesis.terms) == known:

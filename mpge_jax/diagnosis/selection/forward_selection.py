@@ -35,48 +35,42 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         rounds += 1
         ranked, base = compete(s, current, s.terms)
         current = base.fit
-        if not ranked:
+        chosen, accepted = _chosen(s, ranked, base) if ranked else (None, False)
+        if chosen is not None and accepted:
+            current, last = chosen.fit, ranked
+            if depth == 0:
+                first_round = ranked
+                alternatives = _beam(ranked, chosen)
+                if chosen.losses.mean() > FAR and len(alternatives) > 1:
+                    current, last = _second_round(s, chosen, alternatives)
+            if depth + 1 == AFTER:
+                current = everywhere(s, current)
+        elif chosen is not None and (pair := _only_together(s, chosen, base)) is not None:
+            current, last = pair[0].fit, pair[1]
+        else:
+            last = last or ranked
             wider = _wider(s, current)
             if wider is current:
                 break
             current = wider
-            keep()
-            continue
-        chosen = choose(s, ranked, current.hypothesis)
-        s.log.append(
-            f"round {depth + 1}: base {base.losses.mean():.3f}; "
-            + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:6])
-            + f" -> {chosen.fit.hypothesis}"
-        )
-        if not accept(s, chosen, base):
-            # where windows scatter widely, the simplest of those that tie may be one that explains nothing
-            chosen = next((r for r in ranked if named(s, r.fit, current.hypothesis)), chosen)
-            if not accept(s, chosen, base):
-                if (pair := _only_together(s, chosen, base)) is not None:
-                    chosen, last = pair
-                    current = chosen.fit
-                    keep()
-                    continue
-                last = last or ranked
-                wider = _wider(s, current)
-                if wider is current:
-                    break
-                current = wider
-                keep()
-                continue
-        last = ranked
-        if depth == 0:
-            first_round = ranked
-            alternatives = _beam(ranked, chosen)
-            if chosen.losses.mean() > FAR and len(alternatives) > 1:
-                current, last = _second_round(s, chosen, alternatives)
-                keep()
-                continue
-        current = chosen.fit
-        if depth + 1 == AFTER:
-            current = everywhere(s, current)
         keep()
     return current, last or first_round
+
+
+def _chosen(s: Search, ranked: list[Scored], base: Scored) -> tuple[Scored, bool]:
+    """The candidate of a round, and whether it is accepted."""
+    without = base.fit.hypothesis
+    chosen = choose(s, ranked, without)
+    s.log.append(
+        f"round {len(without.terms) + 1}: base {base.losses.mean():.3f}; "
+        + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:6])
+        + f" -> {chosen.fit.hypothesis}"
+    )
+    if accept(s, chosen, base):
+        return chosen, True
+    # where windows scatter widely, the simplest of those that tie may be one that explains nothing
+    chosen = next((r for r in ranked if named(s, r.fit, without)), chosen)
+    return chosen, accept(s, chosen, base)
 
 
 def _only_together(s: Search, chosen: Scored, base: Scored) -> tuple[Scored, list[Scored]] | None:

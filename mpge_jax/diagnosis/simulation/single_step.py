@@ -1,4 +1,4 @@
-"""Effects one step at a time, for NumPy and JAX alike: what `simulate` does in bulk, for a single machine."""
+"""Effects one step at a time, for NumPy and JAX alike: what `batch_simulator` does in bulk, for a single machine."""
 
 from __future__ import annotations
 

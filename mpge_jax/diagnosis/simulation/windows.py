@@ -30,7 +30,8 @@ class Windows:
         act0: [W, na] activations. command: [W, H + K, nu] mean commands, the first H before the start.
         times: [W, N] s after the start. seen: [W, N] whether the sample exists.
         qpos: [W, N, nq]. qvel: [W, N, nv] (NaN where not measured).
-        moved: [W, nv, 2] by how much the windows start elsewhere than estimated (`starts`), in columns of `root`.
+        moved: [W, nv, 2] by how much the windows start elsewhere than estimated (`initial_states`), in columns of
+            `root`.
     """
 
     sources: tuple[Source, ...]

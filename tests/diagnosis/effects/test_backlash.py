@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel
+from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.effects.base import REGISTRY, find_place, nominal_context
 from mpge_jax.diagnosis.effects.drive import BOUNCE, damping_ratio, restitution_of
 from mpge_jax.diagnosis.machine.model import compile_variable, free_inertia

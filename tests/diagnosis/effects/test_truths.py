@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, Recording
-from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel
+from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.drives.drive_laws import Log, predict
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context

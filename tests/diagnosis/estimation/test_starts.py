@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import norm
 
 from mpge_jax.diagnosis import Config, Recording
-from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel
+from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.effects.base import REGISTRY, Place
 from mpge_jax.diagnosis.effects.drive import JointFlexibility

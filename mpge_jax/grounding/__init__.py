@@ -1,0 +1,1 @@
+"""Action transformers: trained adversarially or by inversion, judged, and put before a simulator."""

@@ -1,0 +1,1 @@
+"""Rollout policies and what they record in the target."""

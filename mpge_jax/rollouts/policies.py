@@ -1,0 +1,164 @@
+"""Sets of rollout policies, on disk and in memory.
+
+A set is K trained SAC agents: several seeds (`MS`), or a sequence in which each is rewarded for the entropy of those
+before it (`ER`). Files are plain npz in half precision: no pickles, no code.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import flax.struct
+import flax.traverse_util
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from mpge_jax import files
+from mpge_jax.learning import sac
+from mpge_jax.learning.sac import Actor, SACConfig, SACState
+from mpge_jax.rollouts.rollout import RolloutPolicies
+
+KINDS = ("MS", "ER")
+# Weight of the entropy bonus in the paper's text.
+ER_COEFFICIENT = 0.1
+
+
+class PolicySet(flax.struct.PyTreeNode):
+    """K policies; every leaf has a leading axis K.
+
+    Attributes:
+      actor: parameters and action scale.
+      critic: both critics of each.
+      log_alpha: logarithm of the temperature.
+    """
+
+    actor: Actor
+    critic: Any
+    log_alpha: Float[Array, "*n K"]
+
+    @property
+    def size(self) -> int:
+        return int(self.log_alpha.shape[0])
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Widths of the hidden layers."""
+        return self.actor.hidden
+
+    @property
+    def rollout(self) -> RolloutPolicies:
+        """These policies as those that collect: their actions are sampled."""
+        return RolloutPolicies(params=self.actor, act=sac.act)
+
+    def select(self, indices: list[int]) -> "PolicySet":
+        """The policies `indices`, in that order.
+
+        Raises:
+          ValueError: there is no such policy.
+        """
+        if not all(0 <= index < self.size for index in indices):
+            raise ValueError(f"policies {list(indices)} were asked for, this set has 0 to {self.size - 1}")
+        chosen = np.asarray(indices)
+        return jax.tree.map(lambda x: x[chosen], self)
+
+    def learner(self, index: int, config: SACConfig) -> SACState:
+        """A SAC learner that goes on from policy `index`: its actor, critics and temperature.
+
+        Raises:
+          ValueError: the configuration wants networks of other sizes.
+        """
+        one = jax.tree.map(lambda x: x[index], self)
+        return sac.warm_start(one.actor, one.critic, one.log_alpha, config)
+
+
+def from_learners(state: SACState) -> PolicySet:
+    """The set of K policies that a vmapped learner `[K, ...]` holds."""
+    return PolicySet(state.actor, state.critic, state.log_alpha)
+
+
+def mean_entropy(
+    policies: PolicySet, weights: Float[Array, " K"], obs: Float[Array, " O"]
+) -> Float[Array, ""]:
+    """Mean Gaussian entropy before squashing of the policies with `weights` 1 at `obs`; 0 where there is none."""
+    entropies = jax.vmap(lambda actor: sac.policy_entropy(actor, obs))(policies.actor)
+    return jnp.sum(weights * entropies) / jnp.maximum(jnp.sum(weights), 1.0)
+
+
+def entropy_bonus(
+    coefficient: float, earlier: PolicySet, weights: Float[Array, " K"]
+) -> Callable[[Float[Array, " O"]], Float[Array, ""]]:
+    """What an entropy-regularised policy earns at an observation beside the task's reward: the MPGE paper's ER set.
+
+    `coefficient` times the mean entropy there of the `earlier` policies with `weights` 1; nothing for the first.
+    """
+    return lambda obs: coefficient * mean_entropy(earlier, weights, obs)
+
+
+def save(path: Path | str, policies: PolicySet, about: dict[str, Any]) -> None:
+    """Writes a set and what there is to know about it (JSON-serialisable), atomically."""
+    flat = flax.traverse_util.flatten_dict(
+        {"actor": policies.actor.params, "critic": policies.critic}, sep="/"
+    )
+    arrays = {name: np.asarray(value, np.float16) for name, value in flat.items()}
+    named = {
+        "about": np.array(json.dumps(about)),
+        "log_alpha": np.asarray(policies.log_alpha, np.float32),
+        "action_scale": np.asarray(policies.actor.action_scale, np.float32),
+    }
+    files.write_npz(path, {**named, **arrays})
+
+
+def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
+    """Reads what `save` wrote.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      ValueError: the file is damaged or is not a policy set.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"there is no policy set at {path}; `python -m experiments.pretrain` makes one"
+        )
+    try:
+        arrays = files.read_npz(path)
+        about = json.loads(str(arrays.pop("about")))
+        log_alpha, scale = arrays.pop("log_alpha"), arrays.pop("action_scale")
+        nested = flax.traverse_util.unflatten_dict(
+            {name: jnp.asarray(value, jnp.float32) for name, value in arrays.items()}, sep="/"
+        )
+        actor = Actor(nested["actor"], jnp.asarray(scale))
+        loaded = PolicySet(actor, nested["critic"], jnp.asarray(log_alpha))
+        if {x.shape[0] for x in jax.tree.leaves(loaded)} != {loaded.size}:
+            raise ValueError("its arrays do not belong to one number of policies")
+        if not all(bool(jnp.all(jnp.isfinite(x))) for x in jax.tree.leaves(loaded)):
+            raise ValueError("a number in it is not finite")
+        return loaded, about
+    except Exception as error:
+        raise ValueError(
+            f"{path} is damaged or is not a policy set ({type(error).__name__}: {error})"
+        ) from error
+
+
+def shipped_path(task: str, kind: str, entropy_coefficient: float = ER_COEFFICIENT) -> Path:
+    """Where the set that ships with the project lies; an ER set of another coefficient than 0.1 has it in its name."""
+    suffix = "" if kind != "ER" or entropy_coefficient == ER_COEFFICIENT else f"-{entropy_coefficient:g}"
+    return Path(__file__).parents[1] / "policy_sets" / f"{task}-{kind}{suffix}.npz"
+
+
+def shipped(
+    task: str, kind: str, entropy_coefficient: float = ER_COEFFICIENT
+) -> tuple[PolicySet, dict[str, Any]]:
+    """The five policies of a source task that ship with the project, and how they were made.
+
+    Args:
+      task: the source task.
+      kind: `MS` or `ER`.
+      entropy_coefficient: of an `ER` set: 0.1 (the paper's text) or 0.01 (its authors' code).
+    """
+    if kind not in KINDS:
+        raise ValueError(f"unknown kind of policy set {kind!r} (known: {', '.join(KINDS)})")
+    return load(shipped_path(task, kind, entropy_coefficient))

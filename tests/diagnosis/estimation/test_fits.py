@@ -1,0 +1,118 @@
+"""Steps of fits, their intervals, and the windows' whitening."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.effects.base import Param
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import _jackknife, fit, timing_error
+from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond
+from mpge_jax.diagnosis.selection.backward_elimination import final_fit, refined
+from tests.diagnosis.machines import BOX, PENDULUM, record
+from tests.diagnosis.searches import COULOMB, DAMPING, HINGE, fitted, search_of
+
+
+def test_training_and_held_out_windows_are_tempered_alike():
+    s, _ = search_of(PENDULUM, record(PENDULUM, 0.8, lambda m: m.dof_frictionloss.__setitem__(0, 0.1)))
+    train, held = s.whiten(NOTHING)
+    assert train.factor > 1.5 and held.factor == train.factor
+    assert all(white.factor == 1.0 for white in s.whiten(NOTHING, temper=False))
+
+
+@pytest.fixture(scope="module")
+def sliding():
+    return search_of(BOX, record(BOX, 6.0))
+
+
+def test_drag_of_a_body_is_sized_by_how_fast_that_body_moves(sliding):
+    s, p = sliding
+    speeds = np.concatenate([np.linalg.norm(x.states.qvel, axis=1) for x in p.train_sources])
+    assert p.ctx.body_speed[1] == pytest.approx(np.sqrt((speeds**2).mean()), rel=0.15)
+    term = next(t for t in s.terms if t.id == "quadratic_drag" and t.place.kind == "body")
+    assert term.params(p.ctx)[0].scale == pytest.approx(0.1 * p.ctx.weight / p.ctx.body_speed[1] ** 2)
+
+
+def test_steps_are_stretched_where_there_are_contacts_alone(sliding, rubbing):
+    (s, _), (smooth, _) = sliding, rubbing
+    term = next(t for t in s.terms if t.id == "viscous_damping")
+    start = fitted(s, {term: [1.0]})
+    problem = Problem(start, term.params(s.sim.ctx))
+    high = problem.params[0].high
+    found = beyond(problem, np.array([1.5]), s.sim.ctx)
+    np.testing.assert_allclose(np.ravel(found), np.minimum([2.5, 5.0], high))
+    assert beyond(problem, np.array([0.5]), s.sim.ctx)[1] == 0.0
+    assert beyond(problem, np.array([1.5]), smooth.sim.ctx) == []
+
+
+def test_times_are_known_to_a_part_of_a_timestep():
+    params = [Param("delay", "s", 0, 1, 0.01), Param("gain", "1", 0, 2, 0.1)]
+    np.testing.assert_allclose(timing_error(params, np.array([0.01, 1.0]), 0.002), [0.002 / 12**0.5, 0.0])
+    np.testing.assert_allclose(timing_error(params, np.array([0.01, 1.0]), 0.02), [0.001, 0.0])
+
+
+def test_the_number_of_cogs_is_found_from_a_wrong_one():
+    periods, amplitude = 30.0, 0.08
+
+    def cogs(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_applied[0] = amplitude * np.sin(periods * data.qpos[0])
+
+    s, p = search_of(PENDULUM, record(PENDULUM, 0.5, force=cogs))
+    term = Term("cogging_torque", HINGE)
+    travel = float(np.ptp(p.ctx.samples.q[:, 0]))
+    middle = float(np.median(p.ctx.samples.q[:, 0]))
+    theta = np.array([-0.02, 0.05, periods - 9.0 / travel])
+    for a, b, n in term.effect.detours(p.ctx, HINGE, theta):
+        torques = [x * np.sin(k * middle) + y * np.cos(k * middle) for x, y, k in (theta, (a, b, n))]
+        assert torques[0] == pytest.approx(torques[1])
+    start = Fitted(Hypothesis.of(term), theta, theta)
+    f = fit(s.sim, [start], s.train, s.whiten_one(start, s.train), iterations=12)[0]
+    assert f.theta[2] == pytest.approx(periods, rel=0.01)
+    assert np.hypot(*f.theta[:2]) == pytest.approx(amplitude, rel=0.05)
+
+
+def test_variances_are_those_of_leaving_out_each_window():
+    """Linear regression, with one window of much weight that is far off: exact."""
+    rng = np.random.default_rng(0)
+    windows, samples = 12, 5
+    x = rng.standard_normal((windows, samples, 2))
+    x[0] *= 5
+    y = x @ [1.0, -2.0] + rng.standard_normal((windows, samples)) * np.r_[6.0, np.ones(windows - 1)][:, None]
+
+    def regression(index: np.ndarray) -> np.ndarray:
+        return np.linalg.lstsq(x[index].reshape(-1, 2), y[index].ravel(), rcond=None)[0]
+
+    everything = np.arange(windows)
+    theta = regression(everything)
+    moved = np.array([regression(np.delete(everything, k)) for k in everything])
+    parts = np.einsum("wmp,wmq->wpq", x, x)
+    precision = parts.sum(0)
+    # also where the fit stopped before it arrived
+    for reached in (theta, theta + np.array([0.5, -0.3])):
+        scores = np.einsum("wmp,wm->wp", x, y - x @ reached)
+        np.testing.assert_allclose(
+            _jackknife(precision, parts, scores, 1 / np.sqrt(np.diag(precision))),
+            ((moved - theta) ** 2).sum(0) * (windows - 1) / windows,
+        )
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """24 intervals of 95 %: that fewer than 20 hold is less likely than 1 in 100."""
+    true, held = {COULOMB: 0.1, DAMPING: 0.03}, 0
+
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[0], model.dof_damping[0] = true[COULOMB], model.dof_damping[0] + true[DAMPING]
+        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+    for seed in range(12):
+        s, p = search_of(PENDULUM, record(PENDULUM, 0.8, change=change, noise=1e-3, seed=seed))
+        near, _ = final_fit(s, fitted(s, {t: [v] for t, v in true.items()}))
+        f = refined(s, near, p.windows(False, p.config.report_s, 60))
+        for t, part in zip(f.hypothesis.terms, f.hypothesis.slices(s.sim.ctx), strict=True):
+            half = 1.96 * np.sqrt(f.cov[part, part][0, 0])
+            held += abs(f.theta[part][0] - true[t]) < half
+            assert half < 0.3 * true[t]
+    assert held >= 20
