@@ -39,8 +39,8 @@ class FitReport:
     floor: float
 
     def above(self, ratio: float) -> FitReport:
-        """The same with `ratio` times the noise, which cannot be more than what is left."""
-        return replace(self, floors=ratio * self.floors, floor=min(ratio * self.floor, self.after.rms))
+        """The same with `ratio` times the noise. Where that is more than the error, the noise is overestimated."""
+        return replace(self, floors=ratio * self.floors, floor=ratio * self.floor)
 
     def left(self, rugged: bool) -> float:
         """Share of the error (rms beyond noise) that is left, between 0 and 1.

@@ -210,6 +210,7 @@ def page(
     before, after = (_number(held[k], unit) for k in ("before", "after"))
     changed = bool(held["before"] and held["after"] and held["before"] != held["after"])
     gain = times(held["before"], held["after"]) if changed else ""
+    way = "smaller" if changed and held["after"] < held["before"] else "larger"
     noise = beside_noise(held["after"], held["noise_floor"], unit) if held["after"] else ""
     joints = [
         [escape(f"{name} ({unit_of_joint(d, name)})"), _number(a), _number(b)]
@@ -223,8 +224,8 @@ def page(
 <h1>Mismatch diagnosis <span class="badge {table["verdict"]}">{_WORDS[table["verdict"]]}</span></h1>
 <p class="lead">{escape(lead)}</p><p>{escape(rest)}</p>
 <div class="row"><div>{_image(figures["robot"], "the machine with the place marked")}</div>
-<div><h2>On recordings it never saw</h2><div class="numbers"><div><b>{before}</b>model as given</div>
-{f"<div><b>{after}</b>corrected model</div><div><b>{gain}</b>smaller error</div>" if changed else ""}</div>
+<div><h2>On recordings that nothing was fitted to</h2><div class="numbers"><div><b>{before}</b>model as given</div>
+{f"<div><b>{after}</b>corrected model</div><div><b>{gain}</b>{way} error</div>" if changed else ""}</div>
 <p class="quiet">Root-mean-square error of {_predicted(d, table)}, over {len(held["recordings"])} held-out
 {"recording" if len(held["recordings"]) == 1 else "recordings"}; {escape(noise)}.</p>
 {_table(["joint", "as given", "corrected"], joints)}</div></div>

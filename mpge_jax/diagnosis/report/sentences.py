@@ -13,6 +13,10 @@ from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.report.force_errors import force_errors, motion_is_given
 from mpge_jax.diagnosis.verdict.result import Result, candidates_of
 
+OVERESTIMATED = 1.5
+"""How many times what is left the noise's estimate may be for that to pass as noise. Errors of windows scatter; beyond
+that something else, such as a rough command, was taken for noise."""
+
 
 def _said(d: Result, f: Fitted, term: Term) -> str:
     """What an effect's sentence says; it may begin with the name of a place."""
@@ -67,22 +71,32 @@ def _gain(d: Result) -> str:
         what = f"motion over {d.held.windows.times.max():.2g} s"
         before, after, noise = d.held.before.rms, d.held.after.rms, d.held.floor
     return (
-        f"On recordings that were not used for fitting, the error of the predicted {what} falls from {before:.3g} to "
-        f"{after:.3g} {unit} ({times(before, after)} less; {beside_noise(after, noise, unit)})."
+        f"On recordings that were not used for fitting, the error of the predicted {what} {moves(before, after, unit)} "
+        f"({beside_noise(after, noise, unit)})."
     )
 
 
+def moves(before: float, after: float, unit: str) -> str:
+    """How an error changes: 'falls from 12 to 1 rad, 12 times smaller', or that it rises or stays."""
+    if f"{before:.3g}" == f"{after:.3g}":
+        return f"stays at {after:.3g} {unit}"
+    verb, way = ("falls", "smaller") if after < before else ("rises", "larger")
+    return f"{verb} from {before:.3g} to {after:.3g} {unit}, {times(before, after)} {way}"
+
+
 def times(before: float, after: float) -> str:
-    """By how much an error became smaller: '12 times'."""
-    ratio = before / max(after, 1e-300)
+    """By how much an error became smaller or larger: '12 times'."""
+    ratio = max(before, after) / max(min(before, after), 1e-300)
     return "more than 1000 times" if ratio > 1000 else f"{ratio:.3g} times"
 
 
 def beside_noise(after: float, noise: float, unit: str) -> str:
-    """What noise alone does, beside what is left: its estimate is not trusted beyond that (`FitReport.above`)."""
-    if noise >= 0.999 * after:
+    """What noise alone does, beside what is left."""
+    if noise < 0.999 * after:
+        return f"noise alone gives {noise:.2g} {unit}"
+    if noise <= OVERESTIMATED * after:
         return "that is no more than measurement noise leaves"
-    return f"noise alone gives {noise:.2g} {unit}"
+    return f"noise is overestimated: alone it would give {noise:.2g} {unit}, so how much of this is noise is unknown"
 
 
 def error_unit(d: Result) -> str:

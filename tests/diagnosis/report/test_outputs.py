@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.report.html_page import _drives
 from mpge_jax.diagnosis.report.markdown_page import window_errors
-from mpge_jax.diagnosis.report.sentences import beside_noise, explanation, times
+from mpge_jax.diagnosis.report.sentences import beside_noise, explanation, moves, times
 from mpge_jax.diagnosis.report.tables import effects_table
 from mpge_jax.diagnosis.selection.alternatives import _one_each
 from tests.diagnosis.machines import PENDULUM
@@ -115,8 +115,22 @@ def test_limits_of_what_is_fitted_are_none_of_what_is_reported(effect, theta):
 
 def test_errors_beside_noise_in_words():
     assert times(12.0, 1.0) == "12 times" and times(1.0, 1e-9) == "more than 1000 times"
+    assert times(1.0, 12.0) == "12 times"
     assert beside_noise(2.0, 1.0, "rad") == "noise alone gives 1 rad"
     assert "no more than measurement noise" in beside_noise(1.0, 1.0, "rad")
+    assert beside_noise(1.0, 3.0, "rad").startswith("noise is overestimated: alone it would give 3 rad")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        (12.0, 1.0, "falls from 12 to 1 rad, 12 times smaller"),
+        (0.884, 1.0, "rises from 0.884 to 1 rad, 1.13 times larger"),
+        (1.0, 1.0001, "stays at 1 rad"),
+    ],
+)
+def test_an_error_falls_only_where_it_is_smaller(before, after, said):
+    assert moves(before, after, "rad") == said
 
 
 def test_errors_of_drives_are_in_the_report_with_escaped_names():
