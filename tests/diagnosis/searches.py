@@ -15,14 +15,10 @@ from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.selection.setup import build_search
 
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
-
-
 COULOMB, STRIBECK = Term("coulomb_friction", HINGE), Term("stribeck_friction", HINGE)
 
 
 DAMPING, GAIN = Term("viscous_damping", HINGE), Term("actuator_gain", MOTOR)
-
-
 ARMATURE = Term("armature", HINGE)
 
 

@@ -8,8 +8,6 @@ import numpy as np
 
 UNKNOWN = 4.0
 """Width of a component's interval, over the largest component, from which on nothing is known of it."""
-
-
 SPOKEN = {"command": "units of its command", "command s/rad": "units of its command per rad/s"}
 """Units in words, where they are no unit by themselves."""
 

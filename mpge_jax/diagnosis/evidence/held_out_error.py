@@ -18,8 +18,6 @@ Array = np.ndarray
 
 TRAIN, HELD = 40, 60
 """Windows of the reported length on which errors are shown, at most."""
-
-
 CLEAR = 2.0
 """How many times the noise the usual window's error must be for its share that is left to mean anything."""
 
