@@ -97,8 +97,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; run the same command again to go on.", file=sys.stderr)
         return 130
-    table = result.to_json()
-    print(f"{table['verdict']}: {table['explanation']}")
+    print(result)
     print(f"report: {args.out / 'report.html'} ({result.seconds:.0f} s)")
     return 0
 

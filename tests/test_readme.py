@@ -37,7 +37,7 @@ def test_the_library_examples_ground_a_simulator_and_name_what_it_lacks(
     exec(BLOCKS[1], names)
     assert names["own_log"].action.shape == (2, 500, 1)
     monkeypatch.chdir(tmp_path)
-    exec(BLOCKS[3], names)
+    exec(BLOCKS[2], names)
     assert [(t.name, t.place.name) for t in names["d"].terms] == [("actuator_bias", "slide")]
     assert (tmp_path / "out" / "report.html").is_file()
 
@@ -45,7 +45,7 @@ def test_the_library_examples_ground_a_simulator_and_name_what_it_lacks(
 def test_the_example_of_a_target_changes_model_and_action(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "_variants", dict(registry._variants))
     names: dict = {}
-    exec(BLOCKS[2], names)
+    exec(BLOCKS[3], names)
     tired = names["tired"]
     np.testing.assert_allclose(tired.model.opt.gravity, [0.5, 0.0, -9.8])
     # The same motion as the tilted model without the weak motor gives at 0.6 of the command.

@@ -25,7 +25,7 @@ class Config:
     train_windows: int = 40
     held_windows: int = 150
     max_effects: int | None = None
-    quiet: bool = True
+    quiet: bool = False
 
     def __post_init__(self) -> None:
         if not 0.02 <= self.decide_s <= 5 or not 0.02 <= self.report_s <= 5:

@@ -13,6 +13,17 @@ from mpge_jax.diagnosis.verdict.result import Result
 class Diagnosis(Result):
     """A `Result` that writes itself and rebuilds its machine."""
 
+    def __repr__(self) -> str:
+        fits = [self.fit] if self.actuators is None else [self.fit, *self.actuators.fits]
+        named = [str(term) for f in fits for term in f.hypothesis.terms]
+        return f"Diagnosis({self.verdict!r}, effects={named}, {len(self.warnings)} warnings, {self.seconds:.0f} s)"
+
+    def __str__(self) -> str:
+        """The verdict in sentences, and the warnings."""
+        from mpge_jax.diagnosis.report.sentences import explanation
+
+        return "\n".join([f"{self.verdict}: {explanation(self)}", *(f"warning: {w}" for w in self.warnings)])
+
     def corrected_spec(self) -> mujoco.MjSpec:
         """The nominal description with native forms of the effects added."""
         from mpge_jax.diagnosis.corrected.mjcf import corrected_spec

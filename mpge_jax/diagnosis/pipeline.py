@@ -15,6 +15,7 @@ from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.diagnosis import Diagnosis
 from mpge_jax.diagnosis.drives.driven_machine import driven_as_found
+from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
@@ -61,7 +62,9 @@ def diagnose(
     Raises:
         InputError: the input cannot be used; the message says what to do.
     """
-    config = config or Config()
+    config = Config() if config is None else config
+    if not isinstance(config, Config):
+        raise InputError(f"settings are given as Config(seed=0), not as {type(config).__name__}.")
     say = Progress(config.quiet)
     spec = load_spec(model)
     plain = compile_variable(spec)
@@ -88,8 +91,8 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
     if progress is not None:
         checkpoint.attach(s, p, progress)
     say(
-        f"{len(p.train_sources) + len(p.held_sources)} recordings, {len(s.terms)} effects at their places, "
-        f"{s.train.count} + {s.held.count} windows"
+        f"{len(p.train_sources) + len(p.held_sources)} recordings; {len(s.terms)} effects at their places are tried: "
+        f"fitted to {s.train.count} pieces of {s.train.times.max():.2g} s, judged on {s.held.count} held-out ones"
     )
     found = decide(p, s, say)
     for moved in (MeasurementModel.with_moved_delays, MeasurementModel.with_moved_zeros):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import json
 import re
 import shutil
@@ -69,7 +70,7 @@ def test_friction_is_named_with_its_value(result):
     assert torque["value"] == pytest.approx(0.1, rel=0.05) and torque["unit"] == "N m"
     assert torque["low"] < torque["value"] < torque["high"]
     assert effect["error_drop"] > 0.9
-    assert " rad (" in table["explanation"]
+    assert " rad, " in table["explanation"]
     held = table["fit"]["held_out"]
     assert held["before"] > 5 * held["after"] and table["fit"]["window_s"] == pytest.approx(0.5, rel=0.05)
     assert set(table) == {
@@ -244,6 +245,13 @@ def test_a_robot_that_never_moved_says_what_cannot_be_seen():
     d = diagnose(mujoco.MjSpec.from_string(PENDULUM), still, Config(jobs=1, effects=tuple(EFFECTS)))
     assert d.verdict == "none"
     assert any("never moved" in w for w in d.warnings)
+    assert str(d).startswith("none: Nothing is missing") and "\nwarning: " in str(d)
+    assert repr(d).startswith(f"Diagnosis('none', effects=[], {len(d.warnings)} warnings, ")
+
+
+def test_settings_that_are_no_config_are_refused_in_one_sentence(folder):
+    with pytest.raises(InputError, match=r"as Config\(seed=0\), not as dict"):
+        diagnose(folder / "model.xml", folder, {"seed": 0})
 
 
 def _hum(model, data):
@@ -289,6 +297,10 @@ def test_every_verdict_is_written_in_the_same_form(verdict, tmp_path):
         assert table["ambiguous"] == [] and table["effects"] == []
     page = (tmp_path / "report.html").read_text()
     assert f'<span class="badge {verdict}">' in page and page.count("data:image/png") == 5
+    assert "What it was given" in page and all(f"<td>{r.name}</td>" in page for r in recordings)
+    if d.warnings:
+        assert all(html.escape(w) in page for w in d.warnings)
+        assert page.index("Take note") < page.index("Prediction against measurement")
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "corrected.xml")).nv == 1
 
 

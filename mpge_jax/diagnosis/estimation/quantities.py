@@ -23,10 +23,24 @@ def quantity(entry: dict[str, Any]) -> str:
     least = np.maximum(0.01 * width, 1e-4 * np.nanmax(np.abs(values), initial=0.0) * (values.size > 1))
     values = np.where(np.abs(values) < least, 0.0, values)
     shown = [digits(v, w) for v, w in zip(values, width, strict=True)]
+    if values.size > 1:
+        shown = _alike(values, shown)
     if values.size > 1 and shown_at_all.any():
         shown = [text if known else "unknown" for text, known in zip(shown, shown_at_all, strict=True)]
     text = shown[0] if not isinstance(value, list) else f"({', '.join(shown)})"
     return text if unit == "1" else f"{text} {SPOKEN.get(unit, unit)}"
+
+
+def _alike(values: np.ndarray, shown: list[str]) -> list[str]:
+    """Components of a vector with at most one decimal more than the largest has."""
+    largest = shown[int(np.argmax(np.nan_to_num(np.abs(values))))]
+    if not np.isfinite(values).any() or "e" in largest:
+        return shown
+    most = len(largest.partition(".")[2]) + 1
+    rounded = [f"{v:.{most}f}" if np.isfinite(v) else text for v, text in zip(values, shown, strict=True)]
+    fine = ["e" in text or len(text.partition(".")[2]) > most for text in shown]
+    out = [r if f else text for r, f, text in zip(rounded, fine, shown, strict=True)]
+    return ["0" if text.strip("-0.") == "" else text for text in out]
 
 
 def digits(value: float, width: float) -> str:

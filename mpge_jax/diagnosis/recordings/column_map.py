@@ -6,12 +6,13 @@
       ctrl:tau1: {from: command, column: 0}
 
 `from` is a CSV title or an array of the .npz (with `column` where it has several); the value read is
-`scale * x + offset`, and `unit: deg` stands for scale pi/180.
+`scale * x + offset`, and `unit: deg` stands for scale pi/180. A unit must be one of what the column holds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import difflib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +24,17 @@ from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.csv_table import read_table
 
-_SCALES = {
-    "rad": 1.0,
-    "deg": np.pi / 180,
-    "rad/s": 1.0,
-    "deg/s": np.pi / 180,
-    "rpm": np.pi / 30,
-    "m": 1.0,
-    "mm": 1e-3,
-    "s": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "N": 1.0,
-    "N m": 1.0,
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "angle": {"rad": 1.0, "deg": np.pi / 180},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "angular velocity": {"rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "force": {"N": 1.0, "kN": 1e3},
+    "torque": {"N m": 1.0, "N mm": 1e-3, "kN m": 1e3},
 }
+"""Units by what they measure, each with its size in SI units."""
+_KEYS = ("from", "column", "unit", "scale", "offset")
 
 
 def load(path: Path) -> dict[str, Any]:
@@ -81,7 +79,7 @@ def sources(columns: Mapping[str, Any]) -> set[str]:
 def raw_columns(path: Path, wanted: set[str]) -> tuple[dict[str, np.ndarray], list[str]]:
     """The columns `wanted` of a file, before any meaning is given to them, and the titles of all."""
     if path.suffix.lower() == ".csv":
-        titles, table = read_table(path, lambda _title: False)
+        titles, table, _ = read_table(path, lambda _title: False)
         return {t: table[:, i] for i, t in enumerate(titles) if t in wanted}, list(titles)
     try:
         with path.open("rb") as binary, np.load(binary, allow_pickle=False) as data:
@@ -114,6 +112,18 @@ def apply(
         entry = {"from": entry} if isinstance(entry, str) else entry
         if not isinstance(entry, dict) or "from" not in entry:
             raise InputError(f"map: '{target}' needs 'from' (what the file calls it).")
+        for key in map(str, entry):
+            if key not in _KEYS:
+                raise InputError(
+                    f"map: '{target}' has the unknown entry '{key}'{_nearest(key, _KEYS)} (known: {', '.join(_KEYS)})."
+                )
+        key, _, rest = str(target).partition(":")
+        if target != "time" and (key, rest) not in places:
+            known = [f"{k}:{name}" for k, name in places]
+            raise InputError(
+                f"map: '{target}' names nothing in the model{_nearest(str(target), known)} (known: time, "
+                f"{', '.join(known)})."
+            )
         title = str(entry["from"])
         if title not in raw:
             raise InputError(
@@ -131,22 +141,52 @@ def apply(
             if not isinstance(column, int) or not 0 <= column < value.shape[1]:
                 raise InputError(f"map: '{target}' needs a column between 0 and {value.shape[1] - 1}.")
             value = value[:, column]
-        unit = str(entry.get("unit", "rad"))
-        if unit not in _SCALES:
-            raise InputError(f"map: '{target}' has the unknown unit '{unit}' (known: {', '.join(_SCALES)}).")
+        size = 1.0 if "unit" not in entry else _size(str(target), str(entry["unit"]), model, names)
         try:
-            value = value * _SCALES[unit] * float(entry.get("scale", 1.0)) + float(entry.get("offset", 0.0))
+            value = value * size * float(entry.get("scale", 1.0)) + float(entry.get("offset", 0.0))
         except (TypeError, ValueError):
             raise InputError(f"map: scale and offset of '{target}' must be numbers.") from None
         if target == "time":
             out["time"] = value
             continue
-        key, _, rest = str(target).partition(":")
-        if (key, rest) not in places:
-            raise InputError(f"map: '{target}' names nothing in the model.")
         array = out.get(key)
         if array is None or array.shape != (value.size, widths[key]):
             array = np.full((value.size, widths[key]), np.nan)
         out[key] = np.array(array, dtype=float)
         out[key][:, places[key, rest]] = value
     return out
+
+
+def _nearest(word: str, known: Sequence[str]) -> str:
+    """', did you mean ...?' where one of the known words looks like it."""
+    close = difflib.get_close_matches(word, known, 1)
+    return f"; did you mean '{close[0]}'?" if close else ""
+
+
+def _size(target: str, unit: str, model: mujoco.MjModel, names: Names) -> float:
+    """The size of a unit in SI units; it must be one of what the column `target` holds."""
+    kinds = _measures(target, model, names)
+    known = {name: size for kind in kinds for name, size in UNITS[kind].items()}
+    if unit not in known:
+        what = " or ".join(kinds)
+        raise InputError(
+            f"map: the unit '{unit}' of '{target}' is none of {what} (known: {', '.join(known)})."
+        )
+    return known[unit]
+
+
+def _measures(target: str, model: mujoco.MjModel, names: Names) -> list[str]:
+    """What a column may measure; a command anything but time."""
+    key, _, rest = target.partition(":")
+    if key == "time":
+        return ["time"]
+    if key == "ctrl":
+        return [kind for kind in UNITS if kind != "time"]
+    if key == "actuator_force":
+        return ["force", "torque"]
+    joint = rest if rest in names.joints else rest.rpartition(":")[0]
+    kind, number = int(model.jnt_type[names.joints.index(joint)]), rest.rpartition(":")[2]
+    linear = kind == mujoco.mjtJoint.mjJNT_SLIDE or (kind == mujoco.mjtJoint.mjJNT_FREE and int(number) < 3)
+    if key == "qvel":
+        return ["velocity" if linear else "angular velocity"]
+    return ["length" if linear else "angle"]

@@ -15,8 +15,8 @@ MAX_VALUES = 400_000_000
 """Most numbers read from one file (about 3 GB); longer logs must be cut."""
 
 
-def read_table(path: Path, must: Callable[[str], bool]) -> tuple[list[str], np.ndarray]:
-    """Titles of the columns, and the cells [T, columns].
+def read_table(path: Path, must: Callable[[str], bool]) -> tuple[list[str], np.ndarray, list[int]]:
+    """Titles of the columns, the cells [T, columns], and the line of the file in which each row stands [T].
 
     Args:
         must: whether a column of that title has to hold numbers. Empty cells are NaN, and so is what is no number in
@@ -35,22 +35,23 @@ def read_table(path: Path, must: Callable[[str], bool]) -> tuple[list[str], np.n
             if twice is not None:
                 raise InputError(f"{path.name}: the column '{twice}' appears twice in the header.")
             rows = ((reader.line_num, row) for row in reader if row)
-            cells = _cells(path, header, [must(h) for h in header], rows)
+            cells, lines = _cells(path, header, [must(h) for h in header], rows)
     except UnicodeDecodeError:
         raise InputError(f"cannot read {path.name}: it is not UTF-8 text; save it as CSV in UTF-8.") from None
     except (OSError, csv.Error) as error:
         raise InputError(f"cannot read {path.name}: {error}.") from None
     if not cells:
         raise InputError(f"{path.name}: there are no rows below the header; the first line is the header.")
-    return header, np.frombuffer(cells, dtype=float).reshape(-1, len(header))
+    return header, np.frombuffer(cells, dtype=float).reshape(-1, len(header)), lines
 
 
 def _cells(
     path: Path, header: list[str], must: list[bool], rows: Iterable[tuple[int, list[str]]]
-) -> array[float]:
-    """All cells, row by row. rows: (line in the file, its cells)."""
-    out = array("d")
+) -> tuple[array[float], list[int]]:
+    """All cells, row by row, and the rows' lines. rows: (line in the file, its cells)."""
+    out, lines = array("d"), []
     for line, row in rows:
+        lines.append(line)
         if len(row) != len(header):
             raise InputError(
                 f"{path.name}: line {line} has {len(row)} cells, but the header has {len(header)} columns."
@@ -67,4 +68,4 @@ def _cells(
                 out.append(np.nan)
         if len(out) > MAX_VALUES:
             raise InputError(f"{path.name} has more than {MAX_VALUES} values; cut the recording into parts.")
-    return out
+    return out, lines

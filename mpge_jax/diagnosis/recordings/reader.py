@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import re
 import zipfile
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -13,16 +15,30 @@ import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names
-from mpge_jax.diagnosis.recordings.column_map import apply, csv_places, sources
+from mpge_jax.diagnosis.recordings.column_map import apply, csv_places, raw_columns, sources
 from mpge_jax.diagnosis.recordings.csv_table import MAX_VALUES, read_table
 from mpge_jax.diagnosis.recordings.recording import (
     Recording,
     chain_transitions,
     from_zero,
+    row_from_zero,
     unwrapped,
     validate,
 )
 
+OTHER_FORMATS = (
+    ".mcap",
+    ".bag",
+    ".db3",
+    ".h5",
+    ".hdf5",
+    ".parquet",
+    ".mat",
+    ".pkl",
+    ".pickle",
+    ".npy",
+    ".tsv",
+)
 _KEYS = {"time": "time", "qpos": "qpos", "qvel": "qvel", "ctrl": "ctrl", "actuator_force": "force"}
 
 
@@ -68,13 +84,14 @@ def _check_size(path: Path, key: str, size: int) -> None:
 
 def read_csv(
     path: Path, model: mujoco.MjModel, names: Names, renamed: Collection[str] = ()
-) -> dict[str, np.ndarray]:
-    """Columns `time`, `qpos:JOINT`, `qvel:JOINT`, `ctrl:ACTUATOR`, `actuator_force:ACTUATOR` of a CSV file.
+) -> tuple[dict[str, np.ndarray], list[int]]:
+    """Columns `time`, `qpos:JOINT`, `qvel:JOINT`, `ctrl:ACTUATOR`, `actuator_force:ACTUATOR` of a CSV file, and the
+    line in which each row stands.
 
     A joint with several numbers has one column for each: `qpos:root:0` to `qpos:root:6`, `qvel:root:0` to
     `qvel:root:5`. Titles that are `renamed` by a map are left to it.
     """
-    header, table = read_table(path, lambda title: title.partition(":")[0] in _KEYS)
+    header, table, lines = read_table(path, lambda title: title.partition(":")[0] in _KEYS)
     out = {"qpos": np.full((len(table), model.nq), np.nan)}
     places = csv_places(model, names)
     for column, title in enumerate(header):
@@ -90,7 +107,12 @@ def read_csv(
         width = {"qpos": model.nq, "qvel": model.nv}.get(key, model.nu)
         array = out.setdefault(key, np.full((len(table), width), np.nan))
         array[:, places[key, rest]] = table[:, column]
-    return out
+    return out, lines
+
+
+def _line(lines: list[int], row: int) -> str:
+    """How a row of a CSV file is called: by its line in the file."""
+    return f"line {lines[row]}"
 
 
 def read_recording(
@@ -98,14 +120,19 @@ def read_recording(
 ) -> Recording:
     """Read and check one file. `columns` renames and converts (see `mapping.apply`)."""
     renamed = sources(columns or {})
-    data = read_csv(path, model, names, renamed) if path.suffix.lower() == ".csv" else read_npz(path)
+    called: Callable[[int], str] = row_from_zero
+    if path.suffix.lower() == ".csv":
+        data, lines = read_csv(path, model, names, renamed)
+        called = partial(_line, lines)
+    else:
+        data = read_npz(path)
     if columns:
         data = apply(path, data, columns, model, names)
     for key in ("time", "qpos"):
         if key not in data:
             raise InputError(
-                f"{path.name}: there is no '{key}'; a recording needs 'time' and 'qpos' (a file with other names can "
-                "be read with --map)."
+                f"{path.name}: there is no '{key}', but {', '.join(raw_columns(path, set())[1])[:300]}; a recording "
+                "needs 'time' and 'qpos' (a file with other names can be read with --map)."
             )
     arrays: dict[str, np.ndarray] = {}
     for key, value in data.items():
@@ -131,7 +158,7 @@ def read_recording(
         arrays.get("ctrl"),
         arrays.get("force"),
     )
-    return validate(recording, model, names)
+    return validate(recording, model, names, called)
 
 
 def counted(r: Recording) -> list[tuple[int, str]]:
@@ -147,7 +174,10 @@ def find_files(paths: Iterable[str | Path]) -> list[Path]:
             found = (p for p in entry.iterdir() if p.suffix.lower() in (".npz", ".csv") and p.is_file())
             inside = sorted(found)
             if not inside:
-                raise InputError(f"the folder {entry} holds no .npz or .csv file.")
+                other = ", ".join(other_logs(entry))
+                raise InputError(
+                    f"the folder {entry} holds no .npz or .csv file" + (f" (but {other})." if other else ".")
+                )
             files += [p for p in inside if p.name != "next_experiment.npz"]
         elif entry.is_file():
             if entry.suffix.lower() not in (".npz", ".csv"):
@@ -162,6 +192,11 @@ def find_files(paths: Iterable[str | Path]) -> list[Path]:
     return list(unique.values())
 
 
+def other_logs(folder: Path) -> list[str]:
+    """Names of files in a folder that look like recordings in a format that is not read."""
+    return sorted(p.name for p in folder.iterdir() if p.suffix.lower() in OTHER_FORMATS)
+
+
 def load_recordings(
     paths: Iterable[str | Path],
     model: mujoco.MjModel,
@@ -173,6 +208,10 @@ def load_recordings(
     if not files:
         raise InputError("no recording was given.")
     found = [read_recording(p, model, names, columns) for p in files]
+    others = [f"{p}/{name}" for p in map(Path, paths) if p.is_dir() for name in other_logs(p)]
+    if others:
+        note = f"{', '.join(others)[:300]}: not read, as only .npz and .csv are; convert what should count."
+        found[0] = replace(found[0], warnings=(note, *found[0].warnings))
     if all(r.time.size == 2 for r in found):
         found = sorted(found, key=counted)
     return chain_transitions(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import mujoco
@@ -14,6 +15,10 @@ Array = np.ndarray
 WRAP = 1.6 * np.pi
 """Least jump (rad) of an angle from one row to the next that is taken for a full turn, where all others are far
 smaller."""
+EPOCH = 1e8
+"""Seconds from which on a clock is one that counts from 1970, and tells people nothing."""
+LARGEST = 1e9
+"""Positions, velocities, commands or forces beyond which a number is no measurement."""
 SLOWEST = 1.0
 """Typical seconds between rows above which a clock is not in seconds, or nothing is seen of the motion."""
 
@@ -47,6 +52,11 @@ class Recording:
         """The array `qvel`, `ctrl` or `force`; NaN throughout where it was not recorded."""
         value = getattr(self, key)
         return np.full((self.time.size, 1), np.nan) if value is None else value
+
+    @property
+    def shown_origin(self) -> float:
+        """s to add to `time` where people read it: the log's own clock, unless that counts from 1970."""
+        return self.origin if abs(self.origin) < EPOCH else 0.0
 
     @property
     def duration(self) -> float:
@@ -93,8 +103,18 @@ def _column_name(model: mujoco.MjModel, names: Names, key: str, column: int) -> 
     return names.actuators[column]
 
 
-def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recording:
+def row_from_zero(row: int) -> str:
+    """How a row of an array is called."""
+    return f"row {row}"
+
+
+def validate(
+    recording: Recording, model: mujoco.MjModel, names: Names, called: Callable[[int], str] = row_from_zero
+) -> Recording:
     """Check a recording against the model; return it with warnings attached.
+
+    Args:
+        called: how a row, counted from 0, is called in messages.
 
     Raises:
         InputError: shapes, order of time, NaN or Inf, or quaternions are wrong.
@@ -105,14 +125,14 @@ def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recor
         raise InputError(f"{name}: 'time' must be a column of at least two rows, got shape {time.shape}.")
     if not np.isfinite(time).all():
         row = int(np.flatnonzero(~np.isfinite(time))[0])
-        raise InputError(f"{name}: 'time' is not finite at row {row}; remove or repair that row.")
+        raise InputError(f"{name}: 'time' is not finite at {called(row)}; remove or repair that row.")
     steps = np.diff(time)
     if (steps <= 0).any():
         row = int(np.flatnonzero(steps <= 0)[0]) + 1
         word = "repeats" if steps[row - 1] == 0 else "runs backwards"
         raise InputError(
-            f"{name}: time {word} at row {row} ({time[row - 1]:.9g} s, then {time[row]:.9g} s); sort the rows "
-            "and drop duplicates."
+            f"{name}: time {word} at {called(row)}, {time[row - 1] - time[0]:.4g} s after the first row"
+            f"{'' if steps[row - 1] == 0 else f', by {-steps[row - 1]:.3g} s'}; sort the rows and drop duplicates."
         )
     if (typical := float(np.median(steps))) > SLOWEST:
         raise InputError(
@@ -135,7 +155,7 @@ def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recor
                 f"{name}: '{shown}' has {value.shape[1]} columns but the model needs {width} "
                 f"({', '.join(parts)[:200]}); check that model and recording belong together."
             )
-        _check_finite(name, shown, value, model, names, holes=key == "force")
+        _check_finite(name, shown, value, model, names, called, holes=key == "force")
     if recording.ctrl is None and recording.force is None and model.nu:
         raise InputError(
             f"{name}: there are neither commands ('ctrl') nor measured forces ('actuator_force'); record at "
@@ -148,7 +168,7 @@ def validate(recording: Recording, model: mujoco.MjModel, names: Names) -> Recor
                 "'actuator_force' is NaN throughout; record one of the two."
             )
     notes = list(_warnings(recording, model, names))
-    return replace(_unit_quaternions(recording, model), warnings=(*recording.warnings, *notes))
+    return replace(_unit_quaternions(recording, model, called), warnings=(*recording.warnings, *notes))
 
 
 def _of_arrays(r: Recording) -> Recording:
@@ -158,18 +178,27 @@ def _of_arrays(r: Recording) -> Recording:
 
 
 def _check_finite(
-    name: str, key: str, value: Array, model: mujoco.MjModel, names: Names, *, holes: bool
+    name: str,
+    key: str,
+    value: Array,
+    model: mujoco.MjModel,
+    names: Names,
+    called: Callable[[int], str],
+    *,
+    holes: bool,
 ) -> None:
-    """NaN is allowed in a whole column (never measured), elsewhere only in forces; Inf never is."""
-    if np.isinf(value).any():
-        row, column = (int(x[0]) for x in np.nonzero(np.isinf(value)))
-        where = _column_name(model, names, key, column)
-        raise InputError(f"{name}: '{key}' of {where} is infinite at row {row}; remove or repair that row.")
+    """NaN is allowed in a whole column (never measured), elsewhere only in forces; what no machine does never is."""
+    absurd = np.abs(value) > LARGEST
+    if absurd.any():
+        row, column = (int(x[0]) for x in np.nonzero(absurd))
+        where, number = _column_name(model, names, key, column), value[row, column]
+        what = "infinite" if np.isinf(number) else f"{number:.3g}, which no machine does,"
+        raise InputError(f"{name}: '{key}' of {where} is {what} at {called(row)}; remove or repair that row.")
     missing = np.isnan(value)
     whole = missing.all(axis=0)
     if key == "ctrl" and missing.any():
         row, column = (int(x[0]) for x in np.nonzero(missing))
-        what = "was not recorded" if whole[column] else f"is NaN at row {row}"
+        what = "was not recorded" if whole[column] else f"is NaN at {called(row)}"
         raise InputError(f"{name}: 'ctrl' of {names.actuators[column]} {what}; every command must be known.")
     if key == "qpos" and whole.all():
         raise InputError(f"{name}: no position was measured at all ('qpos' is all NaN).")
@@ -178,7 +207,7 @@ def _check_finite(
         row, column = (int(x[0]) for x in np.nonzero(partly))
         where = _column_name(model, names, key, column)
         raise InputError(
-            f"{name}: '{key}' of {where} is NaN at row {row}; drop such rows, or make the whole column NaN if "
+            f"{name}: '{key}' of {where} is NaN at {called(row)}; drop such rows, or make the whole column NaN if "
             "it was never measured."
         )
 
@@ -195,7 +224,7 @@ def quaternion_columns(model: mujoco.MjModel) -> list[tuple[int, int]]:
     return out
 
 
-def _unit_quaternions(recording: Recording, model: mujoco.MjModel) -> Recording:
+def _unit_quaternions(recording: Recording, model: mujoco.MjModel, called: Callable[[int], str]) -> Recording:
     columns = quaternion_columns(model)
     if not columns:
         return recording
@@ -208,7 +237,7 @@ def _unit_quaternions(recording: Recording, model: mujoco.MjModel) -> Recording:
         if (np.abs(norm - 1) > 0.05).any() or np.isnan(norm).any():
             row = int(np.flatnonzero(~(np.abs(norm - 1) <= 0.05))[0])
             raise InputError(
-                f"{recording.name}: the quaternion of joint {joint} has length {norm[row]:.3g} at row {row}, "
+                f"{recording.name}: the quaternion of joint {joint} has length {norm[row]:.3g} at {called(row)}, "
                 "not 1; the order is w x y z."
             )
         quat = quat / norm[:, None]

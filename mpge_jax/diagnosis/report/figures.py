@@ -53,6 +53,17 @@ def _dofs(d: Result, limit: int = 6) -> list[int]:
     return [int(i) for i in order if np.isfinite(before[i])][:limit]
 
 
+def _span(measured: Array, predicted: tuple[Array, ...], floor: float) -> tuple[float, float]:
+    """Limits of an axis that holds what was measured, and predictions as far as they stay within its range of it."""
+    low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
+    size = max(high - low, 6 * floor, 1e-4)
+    every = np.concatenate([measured, *predicted])
+    every = every[np.isfinite(every)]
+    bottom, top = max(float(every.min()), low - size), min(float(every.max()), high + size)
+    pad = 0.08 * max(top - bottom, size)
+    return bottom - pad, top + pad
+
+
 def prediction(d: Result, path: Path) -> Path:
     """Held-out windows: measured motion, and what the nominal and the corrected model predict."""
     report: FitReport = d.held
@@ -71,17 +82,13 @@ def prediction(d: Result, path: Path) -> Path:
             t, ax = w.times[k][seen], axes[i, j]
             measured = _measured(model, w.qpos[k, seen], dof)
             ax.plot(t, measured, color=MEASURED, lw=2.4, label="measured")
-            for curves, color, style, label in (
-                (report.before.curves, NOMINAL, "--", "model as given"),
-                (report.after.curves, CORRECTED, "-", "corrected model"),
-            ):
-                ax.plot(t, measured - curves[k, seen, dof], color=color, ls=style, lw=1.4, label=label)
-            low, high = np.nanmin(measured), np.nanmax(measured)
-            pad = max(high - low, 6 * report.floor, 1e-4)
-            ax.set_ylim(low - pad, high + pad)
+            given, corrected = (measured - e.curves[k, seen, dof] for e in (report.before, report.after))
+            ax.plot(t, given, color=NOMINAL, ls="--", lw=1.4, label="model as given")
+            ax.plot(t, corrected, color=CORRECTED, ls="-", lw=1.4, label="corrected model")
+            ax.set_ylim(*_span(measured, (given, corrected), report.floor))
             if i == 0:
                 name = _name(w.sources[w.source[k]].recording.name, 30)
-                origin = w.sources[w.source[k]].recording.origin
+                origin = w.sources[w.source[k]].recording.shown_origin
                 ax.set_title(f"{name}, {origin + w.start[k]:.2f} s", fontsize=9)
             if j == 0:
                 unit = unit_of_joint(d, f"{d.prepared.names.joints[joint]}:{dof}")
@@ -182,7 +189,7 @@ def residual_map(d: Result, path: Path) -> Path:
     ax = figure.subplots()
     for row, source in enumerate(present):
         mine = w.source == source
-        t = w.sources[source].recording.origin + w.start[mine] + 0.5 * w.times[mine].max(1)
+        t = w.sources[source].recording.shown_origin + w.start[mine] + 0.5 * w.times[mine].max(1)
         for values, shift, color in (
             (d.held.before.window[mine], -0.12, NOMINAL),
             (d.held.after.window[mine], 0.12, CORRECTED),

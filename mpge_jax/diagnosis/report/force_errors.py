@@ -90,7 +90,7 @@ def force_errors(d: Result, held: bool) -> ForceErrors:
         traces.append(
             Trace(
                 source.recording.name,
-                source.recording.origin + source.recording.time[rows],
+                source.recording.shown_origin + source.recording.time[rows],
                 measured,
                 before,
                 after,

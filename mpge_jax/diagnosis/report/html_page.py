@@ -10,7 +10,10 @@ from typing import Any
 
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.report.force_errors import motion_is_given
-from mpge_jax.diagnosis.report.sentences import beside_noise, times, unit_of_joint
+from mpge_jax.diagnosis.report.given import given
+from mpge_jax.diagnosis.report.html_table import table as table_of
+from mpge_jax.diagnosis.report.model_changes import pasted
+from mpge_jax.diagnosis.report.sentences import beside_noise, times, unit_of_joint, worse_without
 from mpge_jax.diagnosis.verdict.result import Result
 
 _STYLE = """
@@ -28,12 +31,15 @@ h2{font-size:1.15rem;margin:2.2rem 0 .6rem}
 table{border-collapse:collapse;width:100%;font-size:.94rem}
 th,td{text-align:left;padding:.35rem .7rem .35rem 0;border-bottom:1px solid #ddd;vertical-align:top}
 img{max-width:100%;height:auto}
+pre{overflow-x:auto;background:#f4f4f4;padding:.6rem .8rem;font-size:.85rem}
 .row{display:flex;flex-wrap:wrap;gap:1.5rem;align-items:flex-start}
 .row>*{flex:1 1 20rem}
 .numbers{display:flex;flex-wrap:wrap;gap:1.2rem;margin:.6rem 0 1rem}
 .numbers div{min-width:8rem}
 .numbers b{display:block;font-size:1.35rem}
 small,.quiet{color:#555}
+.warnings{border-left:.25rem solid #9a6700;padding:.1rem 0 .1rem .9rem;margin:1rem 0}
+.warnings ul{margin:.2rem 0;padding-left:1.1rem}
 .overflow{overflow-x:auto}
 """
 _WORDS = {
@@ -53,17 +59,11 @@ def _number(value: float | None, unit: str = "") -> str:
     return "unknown" if value is None else escape(f"{value:.3g} {unit}".rstrip())
 
 
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    top = "".join(f"<th>{escape(h)}</th>" for h in head)
-    body = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in rows)
-    return f'<div class="overflow"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
-
-
 def _effects(table: dict[str, Any]) -> str:
     rows = []
     for e in table["effects"]:
         drop = e.get("error_drop")
-        share = "" if drop is None else f"{100 * drop:.0f} %"
+        share = "" if drop is None else worse_without(drop)
         parameters = e["parameters"] or {"": {"value": None}}
         for i, (name, entry) in enumerate(parameters.items()):
             first = [escape(e["id"].replace("_", " ")), escape(e["at"])] if i == 0 else ["", ""]
@@ -79,8 +79,8 @@ def _effects(table: dict[str, Any]) -> str:
             )
     if not rows:
         return ""
-    head = ["effect", "at", "parameter", "value", "95 % interval", "share of held-out error"]
-    return "<h2>What the model lacks</h2>" + _table(head, rows)
+    head = ["effect", "at", "parameter", "value", "95 % interval", "held-out error without it"]
+    return "<h2>What the model lacks</h2>" + table_of(head, rows)
 
 
 def _rivals(table: dict[str, Any]) -> str:
@@ -95,7 +95,7 @@ def _rivals(table: dict[str, Any]) -> str:
                 ]
             )
     return (
-        "<h2>What else it could have been</h2>" + _table(["chosen", "instead", "why not"], rows)
+        "<h2>What else it could have been</h2>" + table_of(["chosen", "instead", "why not"], rows)
         if rows
         else ""
     )
@@ -109,7 +109,7 @@ def _drives(d: Result) -> str:
     return (
         "<h2>From command to measured force</h2><p>Root-mean-square error of the force that a command should give, "
         "on held-out recordings, in the units of <code>actuator_force</code>:</p>"
-        + _table(["actuator", "as given", "corrected"], rows)
+        + table_of(["actuator", "as given", "corrected"], rows)
     )
 
 
@@ -160,11 +160,13 @@ def _unexplained(d: Result) -> str:
     u = d.unexplained
     if u is None:
         return ""
-    rows = [[escape(str(n)), f"{a:.2f}", f"{b:.2f}"] for n, a, b in u["intervals"]]
+    recordings = [s.recording for s in d.prepared.train_sources + d.prepared.held_sources]
+    hidden = {r.name: r.origin - r.shown_origin for r in recordings}
+    rows = [[escape(n), *(f"{t - hidden[n]:.2f}" for t in (a, b))] for n, a, b in u["intervals"]]
     return (
         f"<h2>What nothing explains</h2><p>At {escape(' and '.join(u['at']))}: {escape(u['when'])}. It makes up "
         f"{100 * u['share']:.0f} % of the squared error of the {u['of']} that the model as given predicts. Look at "
-        "these moments:</p>" + _table(["recording", "from (s)", "to (s)"], rows)
+        "these moments:</p>" + table_of(["recording", "from (s)", "to (s)"], rows)
     )
 
 
@@ -196,12 +198,13 @@ def page(
     effects: dict[str, Any],
     figures: dict[str, Path],
     experiment: Mapping[str, object] | None = None,
+    models: tuple[str, str] = ("", ""),
 ) -> str:
     """The whole page; everything that comes from the model or the recordings is escaped.
 
     Args:
         table, effects: the contents of `diagnosis.json` and of `effects.json`. experiment: what
-            `next_experiment.design` found.
+            `next_experiment.design` found. models: `nominal.xml` and `corrected.xml`.
     """
     held = table["fit"]["held_out"]
     first, _, rest = table["explanation"].partition(". ")
@@ -223,19 +226,19 @@ def page(
 <title>Mismatch diagnosis</title><link rel="icon" href="data:,"><style>{_STYLE}</style></head><body><main>
 <h1>Mismatch diagnosis <span class="badge {table["verdict"]}">{_WORDS[table["verdict"]]}</span></h1>
 <p class="lead">{escape(lead)}</p><p>{escape(rest)}</p>
+{'<div class="warnings"><b>Take note:</b><ul>' + warnings + "</ul></div>" if warnings else ""}
 <div class="row"><div>{_image(figures["robot"], "the machine with the place marked")}</div>
 <div><h2>On recordings that nothing was fitted to</h2><div class="numbers"><div><b>{before}</b>model as given</div>
 {f"<div><b>{after}</b>corrected model</div><div><b>{gain}</b>{way} error</div>" if changed else ""}</div>
 <p class="quiet">Root-mean-square error of {_predicted(d, table)}, over {len(held["recordings"])} held-out
 {"recording" if len(held["recordings"]) == 1 else "recordings"}; {escape(noise)}.</p>
-{_table(["joint", "as given", "corrected"], joints)}</div></div>
-{_effects(table)}{_not_native(effects)}{_drives(d)}{_ambiguous(table, experiment)}{_unexplained(d)}
+{table_of(["joint", "as given", "corrected"], joints)}</div></div>
+{_effects(table)}{pasted(*models)}{_not_native(effects)}{_drives(d)}{_ambiguous(table, experiment)}{_unexplained(d)}
 <h2>Prediction against measurement</h2>{_image(figures["prediction"], "held-out motion, predicted before and after")}
 <div class="row"><div>{_image(figures["errors"], "errors by joint")}</div>
 <div>{_image(figures["location"], "where force is missing")}</div></div>
 <h2>Where the error lies in time</h2>{_image(figures["residuals"], "error by window")}
-{_rivals(table)}{_next(d)}
-{"<h2>Warnings</h2><ul>" + warnings + "</ul>" if warnings else ""}
+{_rivals(table)}{_next(d)}{given(d)}
 <p><small>Trained on {escape(", ".join(table["fit"]["train"]["recordings"][:12]))}; held out
 {escape(", ".join(held["recordings"][:12]))}. Seed {table["seed"]}; {versions}.</small></p>
 </main></body></html>

@@ -6,6 +6,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
+from mpge_jax.diagnosis.report.sentences import worse_without
 from mpge_jax.diagnosis.report.tables import diagnosis_table
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -35,11 +36,11 @@ def markdown(d: Result, title: str, command: str) -> str:
         "",
     ]
     lines += [
-        "| effect | at | parameter | value | 95 % interval | share of held-out error |",
+        "| effect | at | parameter | value | 95 % interval | held-out error without it |",
         "|---|---|---|---|---|---|",
     ]
     for e in table["effects"]:
-        share = f"{100 * e['error_drop']:.0f} %" if e.get("error_drop") is not None else ""
+        share = worse_without(e["error_drop"]) if e.get("error_drop") is not None else ""
         for name, p in (e["parameters"] or {"": None}).items():
             value = quantity(p) if p else ""
             interval = intervals(p) if p else ""

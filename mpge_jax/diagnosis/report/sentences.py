@@ -90,13 +90,21 @@ def times(before: float, after: float) -> str:
     return "more than 1000 times" if ratio > 1000 else f"{ratio:.3g} times"
 
 
+def worse_without(drop: float) -> str:
+    """How much larger the error is without an effect, the others kept, from the share of the squared error that goes
+    with it (`error_drops`): '3.2 times'."""
+    return times(1.0, float(np.sqrt(max(1.0 - drop, 0.0)))) if drop >= 0 else "smaller"
+
+
 def beside_noise(after: float, noise: float, unit: str) -> str:
     """What noise alone does, beside what is left."""
     if noise < 0.999 * after:
         return f"noise alone gives {noise:.2g} {unit}"
     if noise <= OVERESTIMATED * after:
         return "that is no more than measurement noise leaves"
-    return f"noise is overestimated: alone it would give {noise:.2g} {unit}, so how much of this is noise is unknown"
+    return (
+        f"how much of that is noise is unknown, as its estimate is too high: it would give {noise:.2g} {unit}"
+    )
 
 
 def error_unit(d: Result) -> str:
@@ -115,6 +123,13 @@ def error_unit(d: Result) -> str:
     if kinds <= {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL)}:
         return "rad"
     return "m" if kinds == {int(mujoco.mjtJoint.mjJNT_SLIDE)} else "rad and m"
+
+
+def unit_of_motion(model: mujoco.MjModel, dof: int) -> str:
+    """Unit of the position of one degree of freedom."""
+    kind, first = model.jnt_type[model.dof_jntid[dof]], int(model.jnt_dofadr[model.dof_jntid[dof]])
+    free = kind == mujoco.mjtJoint.mjJNT_FREE and dof - first < 3
+    return "m" if free or kind == mujoco.mjtJoint.mjJNT_SLIDE else "rad"
 
 
 def unit_of_joint(d: Result, name: str) -> str:

@@ -97,11 +97,11 @@ def _wider(s: Search, current: Fitted) -> Fitted:
 
 
 def _time_left(began: float, rounds: int) -> str:
-    """How long it takes if no further effect is found, judged by the rounds so far."""
+    """How long all takes if no further effect is found, judged by the rounds so far."""
     if not rounds:
         return ""
     seconds = REST * (time.monotonic() - began) / rounds
-    return f" (if there is none, about {seconds:.0f} s are left)"
+    return f" (about {seconds:.0f} s to the end if there is no such effect)"
 
 
 def _beam(ranked: list[Scored], chosen: Scored, width: int = 3) -> list[Scored]:

@@ -4,6 +4,7 @@ import io
 import os
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -55,7 +56,19 @@ def test_npz_and_csv_give_the_same_recording(tmp_path, arm):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"time": -0.01 * np.arange(20)}, "runs backwards at row 1"),
+        ({"time": -0.01 * np.arange(20)}, "runs backwards at row 1, 0 s after the first row, by 0.01 s"),
+        (
+            {"time": 1732366800.0 + np.r_[0.0, 0.01, 0.009, 0.01 * np.arange(3, 20)]},
+            "runs backwards at row 2, 0.01 s after the first row, by 0.001",
+        ),
+        (
+            {"qpos": np.r_[[[1e200, 0.0]], np.zeros((19, 2))]},
+            r"'qpos' of shoulder is 1e\+200, which no machine does",
+        ),
+        (
+            {"ctrl": np.r_[[[0.0, -1e12]], np.zeros((19, 2))]},
+            r"'ctrl' of elbow_servo is -1e\+12, which no machine",
+        ),
         ({"time": np.r_[0, 0, 0.01 * np.arange(1, 19)]}, "repeats at row 1"),
         ({"time": np.r_[np.nan, 0.01 * np.arange(1, 20)]}, "not finite at row 0"),
         ({"qpos": np.zeros((20, 3))}, r"'qpos' has 3 columns but the model needs 2 \(shoulder, elbow\)"),
@@ -102,7 +115,7 @@ def test_unknown_csv_column_names_what_is_known(tmp_path, arm):
         ("time,qpos:elbow\n0,1\n\n1\n", "line 4 has 1 cells, but the header has 2 columns"),
         ("time,qpos:elbow\n0,1\n1,up\n", "'up' in column 'qpos:elbow', line 3, is no number"),
         ("time,qpos:elbow,qpos:elbow\n0,1,1\n", "'qpos:elbow' appears twice"),
-        ("t,q\n0,1\n", "there is no 'time'.*--map"),
+        ("t,q\n0,1\n", "there is no 'time', but t, q; .*--map"),
         ("time,qpos:elbow,Größe\n0,1,2\n", "not UTF-8 text"),
     ],
 )
@@ -399,7 +412,7 @@ def test_titles_in_a_map_may_be_numbers_and_bad_entries_are_told(tmp_path, arm):
     path.write_text("time,1,ctrl:shoulder_motor,ctrl:elbow_servo\n0,1,3,4\n1,5,7,8\n")
     r = read_recording(path, *arm, {"qpos:elbow": {"from": 1}})
     np.testing.assert_array_equal(r.qpos[:, 1], [1, 5])
-    with pytest.raises(InputError, match=r"unknown unit '\['deg'\]'"):
+    with pytest.raises(InputError, match=r"the unit '\['deg'\]' of 'qpos:elbow' is none of angle"):
         read_recording(path, *arm, {"qpos:elbow": {"from": 1, "unit": ["deg"]}})
     with pytest.raises(InputError, match="not in the file"):
         read_recording(path, *arm, {"qpos:elbow": {"from": ["1"]}})
@@ -514,3 +527,58 @@ def test_of_a_single_recording_the_last_third_is_held_out():
     assert (
         first.time[0] == 0.0 and first.time[-1] == last.time[0] == pytest.approx(2.0) and last.time[-1] == 3.0
     )
+
+
+def test_a_bad_number_is_told_by_its_line_in_the_file(tmp_path, arm):
+    path = tmp_path / "run.csv"
+    path.write_text("time,qpos:shoulder,qpos:elbow\n0,1,2\n\n0.01,inf,2\n0.02,1,2\n")
+    with pytest.raises(InputError, match="'qpos' of shoulder is infinite at line 4"):
+        read_recording(path, *arm)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"time": {"from": "t", "unit": "deg"}}, r"the unit 'deg' of 'time' is none of time \(known: s, ms"),
+        ({"qpos:elbow": {"from": "q", "unit": "mm"}}, r"the unit 'mm' of 'qpos:elbow' is none of angle"),
+        (
+            {"qvel:elbow": {"from": "q", "unit": "deg"}},
+            r"is none of angular velocity \(known: rad/s, deg/s, rpm\)",
+        ),
+        (
+            {"ctrl:elbow_servo": {"from": "q", "unit": "ms"}},
+            "the unit 'ms' of 'ctrl:elbow_servo' is none of angle",
+        ),
+        ({"qpos:elbow": {"from": "q", "scal": 2}}, "unknown entry 'scal'; did you mean 'scale'"),
+        ({"qpos:elbwo": "q"}, r"names nothing in the model; did you mean 'qpos:elbow'.*qpos:shoulder"),
+    ],
+)
+def test_a_map_says_what_is_wrong_with_it(tmp_path, arm, columns, message):
+    path = tmp_path / "run.npz"
+    np.savez(path, time=0.01 * np.arange(20), qpos=np.zeros((20, 2)), t=np.arange(20.0), q=np.ones(20))
+    with pytest.raises(InputError, match=message):
+        read_recording(path, *arm, columns)
+
+
+def test_units_of_a_map_are_those_of_what_the_column_holds(tmp_path):
+    xml = """<mujoco><worldbody><body><freejoint name="root"/><geom size="0.1"/>
+    <body><joint name="slide" type="slide"/><geom size="0.1"/></body></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    np.savez(
+        tmp_path / "run.npz", time=0.01 * np.arange(20), x=np.arange(20.0), v=60 * np.ones(20), w=np.ones(20)
+    )
+    columns = {"qpos:root:0": {"from": "x", "unit": "mm"}, "qpos:slide": {"from": "x", "unit": "cm"}}
+    columns |= {"qvel:root:1": {"from": "v", "unit": "cm/s"}, "qvel:root:4": {"from": "v", "unit": "rpm"}}
+    columns |= {f"qpos:root:{i}": {"from": "w", "scale": float(i == 3)} for i in (3, 4, 5, 6)}
+    r = read_recording(tmp_path / "run.npz", model, names_of(model), columns)
+    assert r.qpos[3, 0] == pytest.approx(0.003) and r.qpos[3, 7] == pytest.approx(0.03)
+    assert r.qvel[0, 1] == pytest.approx(0.6) and r.qvel[0, 4] == pytest.approx(2 * np.pi)
+
+
+def test_logs_in_formats_that_are_not_read_are_told(tmp_path, arm):
+    (tmp_path / "robot.mcap").write_bytes(b"")
+    with pytest.raises(InputError, match=r"holds no \.npz or \.csv file \(but robot\.mcap\)"):
+        load_recordings([tmp_path], *arm)
+    np.savez(tmp_path / "run.npz", time=0.01 * np.arange(20), qpos=np.zeros((20, 2)), ctrl=np.zeros((20, 2)))
+    (found,) = load_recordings([tmp_path], *arm)
+    assert "robot.mcap: not read" in found.warnings[0]

@@ -16,9 +16,11 @@ from mpge_jax.diagnosis.estimation.intervals import parameters
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.machine.model import compile_variable
+from mpge_jax.diagnosis.report.figures import _span
 from mpge_jax.diagnosis.report.html_page import _drives
 from mpge_jax.diagnosis.report.markdown_page import window_errors
-from mpge_jax.diagnosis.report.sentences import beside_noise, explanation, moves, times
+from mpge_jax.diagnosis.report.model_changes import changes, pasted
+from mpge_jax.diagnosis.report.sentences import beside_noise, explanation, moves, times, worse_without
 from mpge_jax.diagnosis.report.tables import effects_table
 from mpge_jax.diagnosis.selection.alternatives import _one_each
 from tests.diagnosis.machines import PENDULUM
@@ -118,7 +120,7 @@ def test_errors_beside_noise_in_words():
     assert times(1.0, 12.0) == "12 times"
     assert beside_noise(2.0, 1.0, "rad") == "noise alone gives 1 rad"
     assert "no more than measurement noise" in beside_noise(1.0, 1.0, "rad")
-    assert beside_noise(1.0, 3.0, "rad").startswith("noise is overestimated: alone it would give 3 rad")
+    assert beside_noise(1.0, 3.0, "rad").endswith("its estimate is too high: it would give 3 rad")
 
 
 @pytest.mark.parametrize(
@@ -178,3 +180,31 @@ def test_window_errors_leave_out_what_was_not_measured():
     curves[:2, 0, 1] = [5.0, 7.0]
     report = SimpleNamespace(before=SimpleNamespace(curves=curves), after=None)
     np.testing.assert_allclose(window_errors(report, after=False), [2.0, 6.0, np.nan])
+
+
+def test_components_of_a_vector_have_hardly_more_decimals_than_the_largest():
+    entry = {"value": [-8.3e-05, -2.2e-05, 0.0613], "unit": "m"}
+    entry |= {k: [v + s for v in entry["value"]] for k, s in (("low", -1e-6), ("high", 1e-6))}
+    assert quantity(entry) == "(-0.000083, -0.000022, 0.06130) m"
+    wide = {k: [v + s for v in entry["value"]] for k, s in (("low", -1e-3), ("high", 1e-3))}
+    assert quantity({**entry, **wide}) == "(-0.0001, 0, 0.061) m"
+
+
+def test_the_worth_of_an_effect_is_the_error_without_it():
+    assert worse_without(0.75) == "2 times" and worse_without(1.0) == "more than 1000 times"
+    assert worse_without(-0.1) == "smaller"
+
+
+def test_changed_lines_of_a_model_are_shown():
+    before = '<a>\n  <joint name="x"/>\n</a>'
+    after = before.replace("/>", ' damping="2"/>')
+    assert changes(before, after) == ['-  <joint name="x"/>', '+  <joint name="x" damping="2"/>']
+    assert "&lt;joint name=&quot;x&quot; damping=&quot;2&quot;/&gt;" in pasted(before, after)
+    assert pasted(before, before) == ""
+
+
+def test_curves_fill_their_panels_and_what_runs_away_leaves_them():
+    measured = np.linspace(0.0, 1.0, 50)
+    low, high = _span(measured, (measured + 0.1, 0.99 * measured), 0.0)
+    assert high - low < 1.3 and low < 0.0 and high > 1.1
+    assert _span(measured, (10.0 * measured,), 0.0)[1] < 2.3
