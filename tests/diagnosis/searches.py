@@ -7,7 +7,7 @@ import numpy as np
 
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.dataset.preparation import prepare
-from mpge_jax.diagnosis.effects.base import Place
+from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of

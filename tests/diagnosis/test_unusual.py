@@ -14,7 +14,8 @@ from mpge_jax.diagnosis.corrected.mjcf import _text
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import diagnose_actuators
-from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors

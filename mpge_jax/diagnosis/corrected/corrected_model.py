@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.corrected.mjcf import CORRECTED, NOMINAL
-from mpge_jax.diagnosis.effects.base import REGISTRY, find_place, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY, find_place
+from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import compile_variable, free_inertia, load_spec

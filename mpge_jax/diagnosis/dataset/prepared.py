@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.config import Config
-from mpge_jax.diagnosis.effects.base import Context
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.actuator_state import settling

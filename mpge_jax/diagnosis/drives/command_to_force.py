@@ -12,7 +12,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.drive_laws import Data, Log, between, log_of, residual, search_law
 from mpge_jax.diagnosis.drives.drive_remainder import unexplained_drive
-from mpge_jax.diagnosis.effects.base import Context, Place
+from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.intervals import number, parameters

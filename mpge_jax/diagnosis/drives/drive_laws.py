@@ -9,9 +9,11 @@ import mujoco
 import numpy as np
 from scipy.optimize import least_squares
 
-from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Fields, Place, Step
+from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.step import Fields, Step
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.evidence.paired_gains import rare, strong
 from mpge_jax.diagnosis.machine.model import clipped, is_joint_transmission

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.drives.drive_laws import Data, Log, blocks_of, predict
-from mpge_jax.diagnosis.effects.base import Context
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.evidence.paired_gains import SEVERAL
 

@@ -21,35 +21,11 @@ from mpge_jax.diagnosis.effects.context import (
     Context,
     Param,
     Place,
-    Samples,
     all_places,
     default_places,
-    joint_unit,
-    nominal_context,
-    vector_params,
 )
 from mpge_jax.diagnosis.effects.native import SpecFields, has_form
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-
-__all__ = [
-    "REGISTRY",
-    "Array",
-    "Context",
-    "Effect",
-    "Fields",
-    "Forces",
-    "Param",
-    "Place",
-    "Samples",
-    "Step",
-    "all_places",
-    "default_places",
-    "find_place",
-    "joint_unit",
-    "nominal_context",
-    "register",
-    "vector_params",
-]
 
 
 class Effect:

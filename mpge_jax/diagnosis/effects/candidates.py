@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from mpge_jax.diagnosis.effects.base import REGISTRY, Context
+from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.errors import InputError
 

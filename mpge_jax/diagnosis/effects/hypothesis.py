@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Effect, Param, Place
+from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
+from mpge_jax.diagnosis.effects.context import Context, Param, Place
 
 Array = np.ndarray
 

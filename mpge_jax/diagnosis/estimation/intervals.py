@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Context, Effect
+from mpge_jax.diagnosis.effects.base import Effect
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 

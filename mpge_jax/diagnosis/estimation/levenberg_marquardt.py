@@ -8,7 +8,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Param
+from mpge_jax.diagnosis.effects.context import Param
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss, prior_widths
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, proposals, without_slopes
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss

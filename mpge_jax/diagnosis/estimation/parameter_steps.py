@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Context, Param
+from mpge_jax.diagnosis.effects.context import Context, Param
 from mpge_jax.diagnosis.estimation.estimate import Fitted, bounds, nothing, prior_widths
 
 Array = np.ndarray

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Context, Place
+from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, proposals

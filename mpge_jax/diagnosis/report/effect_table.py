@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import mujoco
 
-from mpge_jax.diagnosis.effects.base import REGISTRY, Context, Effect, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
+from mpge_jax.diagnosis.effects.context import Context, nominal_context
 from mpge_jax.diagnosis.machine.model import compile_variable
 
 _HINGE = """<mujoco><worldbody><geom type="plane" size="5 5 1"/><body pos="0 0 .5">

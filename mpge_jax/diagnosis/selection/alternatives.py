@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from mpge_jax.diagnosis.effects.base import Context, Place
 from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit

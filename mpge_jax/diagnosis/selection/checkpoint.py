@@ -12,7 +12,7 @@ import numpy as np
 
 from mpge_jax import files
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.effects.base import Context
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted, nothing
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored

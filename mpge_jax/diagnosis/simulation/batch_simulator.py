@@ -12,8 +12,9 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from mpge_jax.diagnosis.effects.base import Context, Fields
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.effects.step import Fields
 from mpge_jax.diagnosis.machine.joint_space import difference, integrate
 from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.simulation.actuator_state import shifted

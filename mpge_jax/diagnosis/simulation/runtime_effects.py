@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from mpge_jax.diagnosis.effects.base import Context, Forces, Step
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.step import Forces, Step
 from mpge_jax.diagnosis.machine.model import (
     TAKEN,
     command_limits,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Context, Samples, nominal_context
+from mpge_jax.diagnosis.effects.context import Context, Samples, nominal_context
 from mpge_jax.diagnosis.machine.contact_pairs import touching_pairs
 from mpge_jax.diagnosis.machine.model import Names, is_scalar, moments
 from mpge_jax.diagnosis.simulation.actuator_state import activations

@@ -9,9 +9,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Array, Context, Fields, Step
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.native import field_of
+from mpge_jax.diagnosis.effects.step import Array, Fields, Step
 from mpge_jax.diagnosis.machine.model import TAKEN, clipped, has_plain_law, is_joint_transmission
 
 

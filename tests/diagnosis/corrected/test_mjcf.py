@@ -8,7 +8,8 @@ import pytest
 
 from mpge_jax.diagnosis import REGISTRY
 from mpge_jax.diagnosis.corrected import CorrectedModel
-from mpge_jax.diagnosis.effects.base import find_place, nominal_context
+from mpge_jax.diagnosis.effects.base import find_place
+from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec
 from mpge_jax.diagnosis.simulation.single_step import Machine

@@ -12,7 +12,8 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared, with_drives
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.drives.drive_laws import Data, Log, predict, search_law
 from mpge_jax.diagnosis.drives.drive_remainder import unexplained_drive
-from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit

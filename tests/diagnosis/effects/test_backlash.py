@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.corrected import CorrectedModel
-from mpge_jax.diagnosis.effects.base import REGISTRY, find_place, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY, find_place
+from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.drive import BOUNCE, damping_ratio, restitution_of
 from mpge_jax.diagnosis.machine.model import compile_variable, free_inertia
 

@@ -12,8 +12,9 @@ from envs._mjx import mjx
 from mpge_jax.diagnosis import REGISTRY, VOCABULARY, InputError
 from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel, CStepper
 from mpge_jax.diagnosis.corrected.jax_engine import CorrectedEngine
-from mpge_jax.diagnosis.effects.base import Context, Place, nominal_context, register
+from mpge_jax.diagnosis.effects.base import register
 from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.context import Context, Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.simulation.single_step import Machine
@@ -248,7 +249,9 @@ def test_vectors_are_reported_as_one_parameter():
 
 def test_an_effect_of_ones_own_in_a_few_lines():
     from mpge_jax.diagnosis.effects.base import REGISTRY as table
-    from mpge_jax.diagnosis.effects.base import Effect, Forces, Param
+    from mpge_jax.diagnosis.effects.base import Effect
+    from mpge_jax.diagnosis.effects.context import Param
+    from mpge_jax.diagnosis.effects.step import Forces
 
     try:
 

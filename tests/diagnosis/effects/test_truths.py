@@ -11,7 +11,8 @@ from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.drives.drive_laws import Log, predict
-from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.effects.step import Step
 from mpge_jax.diagnosis.estimation.estimate import Fitted

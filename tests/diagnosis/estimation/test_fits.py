@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis.effects.base import Param
+from mpge_jax.diagnosis.effects.context import Param
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import _jackknife, fit, timing_error

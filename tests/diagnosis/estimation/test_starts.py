@@ -12,7 +12,8 @@ from scipy.stats import norm
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.dataset.preparation import prepare
-from mpge_jax.diagnosis.effects.base import REGISTRY, Place
+from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.drive import JointFlexibility
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Place
+from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.evidence.paired_gains import deviations, rare, stand_out, strong

@@ -11,7 +11,8 @@ import pytest
 from mpge_jax.diagnosis import InputError
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.corrected.mjcf import with_comment
-from mpge_jax.diagnosis.effects.base import REGISTRY, find_place, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY, find_place
+from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, moving_bodies, names_of
 from tests.diagnosis.machines import entry
 

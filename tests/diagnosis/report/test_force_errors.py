@@ -8,7 +8,8 @@ import pytest
 
 from mpge_jax.diagnosis import REGISTRY, Config, InputError, Recording, diagnose
 from mpge_jax.diagnosis.dataset.preparation import prepare
-from mpge_jax.diagnosis.effects.base import Place, find_place, nominal_context
+from mpge_jax.diagnosis.effects.base import find_place
+from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
 from mpge_jax.diagnosis.recordings.recording import validate

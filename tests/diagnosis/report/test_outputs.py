@@ -9,7 +9,8 @@ import pytest
 
 from mpge_jax.diagnosis.corrected.mjcf import corrected_spec
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide
-from mpge_jax.diagnosis.effects.base import REGISTRY, Place, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.intervals import parameters

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis.effects.base import Place
+from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of

@@ -11,7 +11,8 @@ import pytest
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.dataset import preparation as preparation
 from mpge_jax.diagnosis.dataset.preparation import prepare
-from mpge_jax.diagnosis.effects.base import REGISTRY, Effect, Place, nominal_context
+from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
+from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, numerics, robust_loss, whitener
