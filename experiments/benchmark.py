@@ -213,7 +213,7 @@ def measure_stage(stage: str, members: int, config: GroundingConfig, seconds: fl
             begun = state.env_state, state.rollout_policy
             return collect.collect(key, state.current, begun, source, rollout, log, config)
         if stage == "discriminator":
-            return adversarial._update_discriminator(
+            return adversarial.update_discriminator(
                 key, state.discriminator, rows.transitions, rows.rollout_policy, log, state.expected, config
             )
         inputs = transformer.network_inputs(state.transformer, rows.observation, rows.action)

@@ -265,16 +265,27 @@ def main() -> int:
     """The command; returns its exit status."""
     args = tyro.cli(Args, prog="python -m experiments.tuning", description=Args.__doc__)
     register()
-    rows = []
+    every = records(args.out)
     for task in args.task:
-        for candidate in tried(envs.source_of(task)):
-            record = args.out / task / f"{candidate.name}.json"
+        for candidate, record in every[task]:
             if not record.is_file():
                 files.write_text(record, json.dumps(run(task, candidate), indent=1))
-            rows.append(json.loads(record.read_text()))
-            files.write_text(args.page, markdown(rows))
+    lacking = [task for task, found in every.items() if not all(record.is_file() for _, record in found)]
+    if lacking:
+        print(f"not written: {args.page} holds all tuning tasks, and {', '.join(lacking)} lacks results")
+        return 0
+    rows = [json.loads(record.read_text()) for found in every.values() for _, record in found]
+    files.write_text(args.page, markdown(rows))
     print(f"written: {args.page}")
     return 0
+
+
+def records(folder: Path) -> dict[str, list[tuple[Candidate, Path]]]:
+    """Tuning task to its candidates, each with the file of its result."""
+    return {
+        v.name: [(c, folder / v.name / f"{c.name}.json") for c in tried(envs.source_of(v.name))]
+        for v in VARIANTS
+    }
 
 
 if __name__ == "__main__":

@@ -130,7 +130,7 @@ def update(
         key_collect, state.current, (state.env_state, state.rollout_policy), env, policies, log, config
     )
     grounded = rows.transitions
-    learned, d_metrics = _update_discriminator(
+    learned, d_metrics = update_discriminator(
         key_d, state.discriminator, grounded, rows.rollout_policy, log, state.expected, config
     )
     judge = learned if config.discriminator_first else state.discriminator
@@ -175,7 +175,7 @@ def _less_siblings(rewards: Float[Array, " R"], config: GroundingConfig) -> Floa
     return (of_state - others).reshape(-1)
 
 
-def _update_discriminator(
+def update_discriminator(
     key: PRNGKeyArray,
     state: DiscriminatorState,
     grounded: Transitions,
@@ -184,6 +184,12 @@ def _update_discriminator(
     expected: Float[Array, "K M O"] | None,
     config: GroundingConfig,
 ) -> tuple[DiscriminatorState, Metrics]:
+    """The updates of D in one iteration, each on as many grounded rows as rows of the target.
+
+    Args:
+      grounded: R rows that were collected. which: the rollout policy of each.
+      log: of the target. expected: what the simulator itself would have done there, where D sees s' less that.
+    """
     count = config.discriminator_batch
 
     def step(state: DiscriminatorState, key: PRNGKeyArray) -> tuple[DiscriminatorState, Metrics]:

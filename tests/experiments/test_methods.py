@@ -7,12 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import envs
 from experiments import methods
 from experiments.methods import METHODS, Cell
 from mpge_jax.grounding import ensemble
 from mpge_jax.grounding.early_stop import EarlyStop
-from mpge_jax.grounding.grounded_env import GroundedEnv
 from mpge_jax.rollouts import policies, target_log
 from mpge_jax.rollouts.target_log import TargetLog
 from tests import small
@@ -200,4 +198,3 @@ def test_direct_does_not_train(tmp_path):
     one = Cell("SkewedPendulum", "direct", 0, (0,), TINY, "c", "mujoco")
     learners = methods._train(one, METHODS["direct"], source, target, sets, None, tmp_path, True)
     jax.tree.map(np.testing.assert_array_equal, learners.actor, jax.tree.map(lambda x: x[:, 0], sets.actor))
-    assert isinstance(GroundedEnv(source, small.constant(source, 0.0)), envs.Wrapper)

@@ -68,3 +68,24 @@ def test_a_result_names_its_commit(tmp_path):
     assert len(storage.commit(tmp_path)) >= 12 and head.startswith(storage.commit(tmp_path))
     (tmp_path / "a").write_text("2")
     assert storage.commit(tmp_path).endswith("-dirty")
+
+
+def test_one_task_alone_leaves_the_page_as_it_is(registered, tmp_path, monkeypatch, capsys):
+    row = {
+        "method": "MPG-MS", "what": "base", "iterations": 100, "simulator_steps": 1, "versions": {"machine": "m"},
+        "errors": {"0.25": [0.5], "0.5": [0.3], "1.0": [0.1]}, "config": {},
+    }  # fmt: skip
+    page = tmp_path / "tuning.md"
+    page.write_text("all of it")
+    monkeypatch.setattr(tuning, "run", lambda task, candidate: {**row, "task": task})
+
+    def command(*tasks):
+        monkeypatch.setattr(
+            "sys.argv", ["tuning", "--out", str(tmp_path), "--page", str(page), "--task", *tasks]
+        )
+        assert tuning.main() == 0
+        return capsys.readouterr().out
+
+    assert "TuningCheetah lacks results" in command("TuningPendulum") and page.read_text() == "all of it"
+    assert "written: " in command("TuningCheetah")
+    assert all(f"## {v.name}" in page.read_text() for v in tuning.VARIANTS)

@@ -163,7 +163,7 @@ def test_target_rows_match_the_policies_of_the_grounded_rows(monkeypatch):
     mark = jnp.stack([which.astype(jnp.float32), rows], axis=-1)
     grounded = Transitions(mark, rows[:, None], mark + 100)
     state = discriminator.init(jax.random.key(0), 2, 1, CONFIG.discriminator)
-    update = jax.jit(partial(adversarial._update_discriminator, config=CONFIG))
+    update = jax.jit(partial(adversarial.update_discriminator, config=CONFIG))
     log = marked_log([4, 7, 2])
     grounded = grounded.replace(expected=mark + 50)
     _, metrics = update(jax.random.key(3), state, grounded, which, log, log.observation + 50)
