@@ -30,7 +30,8 @@ from mpge_jax.learning import agent, buffer, distributions, normalise, ppo, sac,
 from mpge_jax.learning.agent import AgentConfig
 from mpge_jax.learning.value import ValueConfig
 from mpge_jax.rollouts import policies
-from tests import bandit, points, small
+from tests import points, small
+from tests.learning import bandit
 from tests.shape_checks import MODULES
 
 KEY = jax.random.key(0)

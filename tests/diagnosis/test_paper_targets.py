@@ -12,7 +12,7 @@ import pytest
 
 import envs
 from mpge_jax.diagnosis import Config, Diagnosis, diagnose
-from mpge_jax.diagnosis.corrected import nominal_spec, recordings_of
+from mpge_jax.diagnosis.corrected.tasks import nominal_spec, recordings_of
 from mpge_jax.diagnosis.report.markdown_page import markdown
 from mpge_jax.rollouts import target_log
 from mpge_jax.rollouts.policies import shipped

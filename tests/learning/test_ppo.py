@@ -13,7 +13,7 @@ from mpge_jax.grounding import transformer
 from mpge_jax.learning import ppo
 from mpge_jax.learning.distributions import gaussian_log_prob
 from mpge_jax.learning.policy_gradient import PolicyBatch, minibatch_indices, standardise
-from tests import bandit
+from tests.learning import bandit
 
 update = jax.jit(ppo.update, static_argnames=("distribution", "config"))
 

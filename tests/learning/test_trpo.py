@@ -13,7 +13,7 @@ from mpge_jax.grounding import transformer
 from mpge_jax.learning import trpo
 from mpge_jax.learning.distributions import gaussian_kl, gaussian_log_prob
 from mpge_jax.learning.policy_gradient import standardise
-from tests import bandit
+from tests.learning import bandit
 
 update = jax.jit(trpo.update, static_argnames=("distribution", "config"))
 

@@ -1,6 +1,5 @@
-"""The machine with its effects: as MJCF, in C, in JAX, and as a task."""
+"""The machine with its effects: as MJCF, in C, in JAX, and as a task (`tasks`, which alone needs the environments)."""
 
 from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel
-from mpge_jax.diagnosis.corrected.tasks import nominal_spec, recordings_of, task_env
 
-__all__ = ["CorrectedModel", "nominal_spec", "recordings_of", "task_env"]
+__all__ = ["CorrectedModel"]

@@ -16,6 +16,8 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
+from mpge_jax import own_envs as own_envs  # isort: split
+
 import envs
 from envs.c_engine import CEngine
 from envs.types import Task

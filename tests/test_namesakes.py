@@ -1,0 +1,54 @@
+"""Folders of one's own called `envs` or `experiments` beside the library."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def beside(tmp_path):
+    """A folder that holds a package `envs` and a package `experiments` of somebody's own."""
+    for name in ("envs", "experiments"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("mine = True\n")
+    return tmp_path
+
+
+def _run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def test_the_diagnosis_works_beside_them_and_needs_no_jax(beside):
+    code = "import sys, mpge_jax.diagnosis as d; d.diagnose; assert not {'jax', 'envs'} & set(sys.modules)"
+    done = _run(beside, sys.executable, "-c", code)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    "wanted", ["mpge_jax; mpge_jax.ground", "mpge_jax.learning.sac", "mpge_jax.diagnosis.corrected.tasks"]
+)
+def test_what_needs_the_environments_says_whose_stand_in_their_place(beside, wanted):
+    done = _run(beside, sys.executable, "-c", f"import {wanted}")
+    assert done.returncode == 1
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith(f"ImportError: {beside / 'envs'} stands before this library's own package 'envs'")
+
+
+def test_commands_work_beside_them(beside):
+    done = _run(beside, str(Path(sys.executable).with_name("mpge-diagnose")), "--list-effects")
+    assert done.returncode == 0 and "coulomb_friction" in done.stdout, done.stderr
+
+
+def test_names_of_the_package_are_those_it_lists():
+    import mpge_jax
+
+    assert sorted(mpge_jax._HOME) == sorted(mpge_jax.__all__)
+    assert all(getattr(mpge_jax, name).__name__ == name for name in mpge_jax.__all__)
+    with pytest.raises(AttributeError, match="'mpge_jax' has no attribute 'grund'"):
+        mpge_jax.grund  # noqa: B018
