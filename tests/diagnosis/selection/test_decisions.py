@@ -144,17 +144,31 @@ def test_a_machine_without_actuators_is_diagnosed_from_its_swings():
     assert d.fit.theta[0] == pytest.approx(0.05, rel=0.02)
 
 
+MISTAKEN_FOR_IT = (
+    "viscous_damping",
+    "stribeck_friction",
+    "quadratic_drag",
+    "armature",
+    "actuator_deadzone",
+    "mass_scale",
+)
+
+
 def test_a_slight_effect_is_found_in_longer_windows():
     def change(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0] = 0.005
         model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
 
     recordings = record(PENDULUM, 0.8, change=change, noise=2e-3, count=8, seconds=4.0)
-    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1))
+    # what may be taken for it: all others only take time
+    config = Config(jobs=1, effects=("coulomb_friction", *MISTAKEN_FOR_IT))
+    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, config)
     assert d.terms == (COULOMB,)
     assert d.fit.theta[0] == pytest.approx(0.005, rel=0.1)
     # windows of a quarter second alone do not show it
-    again = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1, report_s=0.25))
+    again = diagnose(
+        mujoco.MjSpec.from_string(PENDULUM), recordings, dataclasses.replace(config, report_s=0.25)
+    )
     assert again.verdict == "none"
 
 
