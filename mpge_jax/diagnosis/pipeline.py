@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import fields, replace
 from pathlib import Path
 
 import mujoco
@@ -69,8 +68,8 @@ def diagnose(
     spec = load_spec(model)
     plain = compile_variable(spec)
     checked = read(recordings, plain, names_of(plain), columns)
-    result = replace(find(prepare(spec, checked, config), plain, say, progress), seconds=say.seconds)
-    return Diagnosis(**{f.name: getattr(result, f.name) for f in fields(result)})
+    result = find(prepare(spec, checked, config), plain, say, progress)
+    return Diagnosis(**{**vars(result), "seconds": say.seconds})
 
 
 def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | None = None) -> Result:

@@ -80,3 +80,13 @@ def record(
 def entry(effect: str, at: str, kind: str, **parameters: object) -> dict[str, object]:
     """A row of `effects.json`."""
     return {"id": effect, "at": at, "kind": kind, "parameters": parameters}
+
+
+FLYER = """<mujoco><option timestep="0.004" gravity="0 0 0"/><worldbody><body name="frame"><freejoint/>
+<geom type="box" size=".2 .1 .05" mass="1" contype="0" conaffinity="0"/><site name="s" pos=".2 0 0"/></body></worldbody>
+<actuator><motor name="rotor" site="s" gear="0 0 1 0 0 0"/></actuator></mujoco>"""
+
+
+SERVO = """<mujoco><option timestep="0.002"/><worldbody><body name="arm"><joint name="pivot" axis="0 1 0" damping="1"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.5" size=".02" mass="1" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><position name="servo" joint="pivot" kp="20"/></actuator></mujoco>"""

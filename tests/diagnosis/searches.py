@@ -5,14 +5,18 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis import Config, Recording
+from mpge_jax.diagnosis import REGISTRY, Config, Recording
 from mpge_jax.diagnosis.dataset.preparation import prepare
-from mpge_jax.diagnosis.effects.context import Place
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.base import find_place
+from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
 from mpge_jax.diagnosis.recordings.recording import validate
+from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
+from mpge_jax.diagnosis.simulation.single_step import Machine
 
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
 COULOMB, STRIBECK = Term("coulomb_friction", HINGE), Term("stribeck_friction", HINGE)
@@ -22,10 +26,14 @@ DAMPING, GAIN = Term("viscous_damping", HINGE), Term("actuator_gain", MOTOR)
 ARMATURE = Term("armature", HINGE)
 
 
-def search_of(xml: str, recordings: list[Recording]):
+def prepared_of(xml: str, recordings: list[Recording]) -> Prepared:
     spec = mujoco.MjSpec.from_string(xml)
     plain = compile_variable(spec)
-    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+
+
+def search_of(xml: str, recordings: list[Recording]) -> tuple[Search, Prepared]:
+    p = prepared_of(xml, recordings)
     return build_search(p, lambda _text: None, p.config.decide_s), p
 
 
@@ -33,3 +41,14 @@ def fitted(s, values: dict[Term, list[float]]) -> Fitted:
     h = Hypothesis.of(*values)
     theta = h.gather(s.sim.ctx, {t: np.array(v) for t, v in values.items()})
     return Fitted(h, theta, theta)
+
+
+def exported(xml: str, parts: dict[str, tuple[str, list[float]]]) -> tuple[mujoco.MjModel, Machine]:
+    """The model with effects written one after the other, and the machine on which they act: {id: (place, theta)}."""
+    spec = mujoco.MjSpec.from_string(xml)
+    ctx = nominal_context(compile_variable(spec))
+    terms = {Term(i, find_place(ctx, REGISTRY[i], at)): np.array(theta) for i, (at, theta) in parts.items()}
+    spec.compile()
+    for term, theta in terms.items():
+        assert term.effect.export(spec, ctx, term.place, theta)
+    return spec.compile(), Machine.build(ctx, tuple(terms), tuple(terms.values()))

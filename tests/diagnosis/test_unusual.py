@@ -11,8 +11,6 @@ import pytest
 
 from mpge_jax.diagnosis import Config, InputError, Recording, diagnose
 from mpge_jax.diagnosis.corrected.mjcf import _text
-from mpge_jax.diagnosis.dataset.preparation import prepare
-from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import diagnose_actuators
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
@@ -23,16 +21,10 @@ from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest, one_of_e
 from mpge_jax.diagnosis.machine.contact_pairs import allowed_pairs
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.recordings.checks import check_base
-from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force
 from mpge_jax.diagnosis.simulation.windows import _spans
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, record
-
-
-def prepared(xml: str, recordings: list[Recording]) -> Prepared:
-    spec = mujoco.MjSpec.from_string(xml)
-    plain = compile_variable(spec)
-    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+from tests.diagnosis.searches import prepared_of
 
 
 def _log(time: np.ndarray) -> Recording:
@@ -49,7 +41,7 @@ def test_windows_go_on_after_lost_rows():
 @pytest.mark.parametrize("rate", [5, 7, 10, 11, 15.5])
 def test_sparse_rows_hold_windows_of_whole_steps(rate):
     time = np.arange(0, 20, 1 / rate)
-    p = prepared(PENDULUM, [dataclasses.replace(_log(time + k), name=f"run_{k}") for k in range(3)])
+    p = prepared_of(PENDULUM, [dataclasses.replace(_log(time + k), name=f"run_{k}") for k in range(3)])
     w = p.windows(False, 0.25, 1000)
     assert w.count > 60
     assert (w.times.max(1) >= 0.2).all() and (w.times.max(1) < 0.45).all()
@@ -63,7 +55,7 @@ def test_forces_of_actuators_with_a_state_are_not_judged_by_their_commands(chang
         else PENDULUM.replace("ctrlrange", 'delay=".02" nsample="20" ctrlrange')
     )
     recordings = [dataclasses.replace(r, force=0.3 * r.ctrl) for r in record(PENDULUM, 0.8)]
-    p = prepared(xml, recordings)
+    p = prepared_of(xml, recordings)
     found = diagnose_actuators(
         p, compile_variable(mujoco.MjSpec.from_string(xml)), ["actuator_gain", "actuator_lag"]
     )
@@ -75,13 +67,13 @@ def test_neither_commands_nor_forces_is_refused():
     recordings = record(PENDULUM, 0.8)
     recordings[1] = dataclasses.replace(recordings[1], ctrl=None, force=recordings[1].ctrl)
     with pytest.raises(InputError, match="run_1 holds no commands, and the force of motor was not measured"):
-        prepared(PENDULUM, recordings)
+        prepared_of(PENDULUM, recordings)
 
 
 def test_forces_that_some_recordings_lack_are_not_used():
     recordings = [dataclasses.replace(r, force=0.3 * r.ctrl) for r in record(PENDULUM, 0.8)]
     recordings[1] = dataclasses.replace(recordings[1], force=None)
-    p = prepared(PENDULUM, recordings)
+    p = prepared_of(PENDULUM, recordings)
     assert not p.measured.any()
     assert any("force of motor was not measured in most rows" in w for w in p.warnings)
 
@@ -132,8 +124,8 @@ def test_commands_are_not_clipped_where_the_model_says_so():
     model = compile_variable(load_spec(mujoco.MjSpec.from_string(xml)))
     assert not model.actuator_ctrllimited.any()
     recordings = record(PENDULUM, 3.0)
-    assert any("leave its ctrlrange" in w for w in prepared(PENDULUM, recordings).warnings)
-    assert not any("leave its ctrlrange" in w for w in prepared(xml, recordings).warnings)
+    assert any("leave its ctrlrange" in w for w in prepared_of(PENDULUM, recordings).warnings)
+    assert not any("leave its ctrlrange" in w for w in prepared_of(xml, recordings).warnings)
 
 
 def test_equal_names_are_refused_and_copies_warned_of():
@@ -143,7 +135,7 @@ def test_equal_names_are_refused_and_copies_warned_of():
             mujoco.MjSpec.from_string(PENDULUM), [dataclasses.replace(r, name="run") for r in recordings]
         )
     copy = dataclasses.replace(recordings[0], name="heldout_0")
-    assert any("same recording" in w for w in prepared(PENDULUM, [*recordings, copy]).warnings)
+    assert any("same recording" in w for w in prepared_of(PENDULUM, [*recordings, copy]).warnings)
 
 
 def test_what_holds_for_several_recordings_is_said_once():
@@ -154,7 +146,7 @@ def test_what_holds_for_several_recordings_is_said_once():
             r.qpos[:, 1] = 0.1
             r.ctrl[:, 0] = 9.0 if k < clipped else 1.0
         xml = ARM.replace('joint="shoulder"/>', 'joint="shoulder" ctrllimited="true" ctrlrange="-3 3"/>')
-        return [w for w in prepared(xml, runs).warnings if "never moved" in w or "ctrlrange" in w]
+        return [w for w in prepared_of(xml, runs).warnings if "never moved" in w or "ctrlrange" in w]
 
     still = "every recording: elbow never moved; what acts there cannot be seen here."
     clipped = "commands of shoulder_motor leave its ctrlrange and are clipped."
@@ -169,13 +161,13 @@ def test_a_machine_at_rest_never_moved_whatever_its_noise():
         Recording(f"run_{k}", time, 1e-4 * rng.standard_normal((300, 1)), None, np.zeros((300, 1)))
         for k in range(3)
     ]
-    assert any("never moved" in w for w in prepared(PENDULUM, still).warnings)
-    assert not any("never moved" in w for w in prepared(PENDULUM, record(PENDULUM, 0.8)).warnings)
+    assert any("never moved" in w for w in prepared_of(PENDULUM, still).warnings)
+    assert not any("never moved" in w for w in prepared_of(PENDULUM, record(PENDULUM, 0.8)).warnings)
 
 
 def test_disabled_forces_are_said():
     xml = PENDULUM.replace("/><worldbody>", '><flag frictionloss="disable"/></option><worldbody>')
-    assert any("disables frictionloss" in w for w in prepared(xml, record(PENDULUM, 0.8)).warnings)
+    assert any("disables frictionloss" in w for w in prepared_of(xml, record(PENDULUM, 0.8)).warnings)
 
 
 def test_unnamed_actuators_of_one_joint_have_names_of_their_own():
@@ -222,10 +214,10 @@ def test_pictures_of_cubes_are_copied(tmp_path):
 def test_a_delay_in_the_model_is_filled_with_the_commands_before_a_window():
     """Nothing is missing: the truth has the model's delay of 30 ms; 10 ms more are exported on top of it."""
     xml = PENDULUM.replace("ctrlrange", 'delay="0.03" nsample="64" ctrlrange')
-    p = prepared(xml, record(xml, 0.8))
+    p = prepared_of(xml, record(xml, 0.8))
     w = p.windows(False, 0.25, 40)
     nothing = errors(p.sim, NOTHING, w)
-    plain = prepared(PENDULUM, record(PENDULUM, 0.8))
+    plain = prepared_of(PENDULUM, record(PENDULUM, 0.8))
     assert nothing.rms < 1.5 * errors(plain.sim, NOTHING, plain.windows(False, 0.25, 40)).rms
     spec = mujoco.MjSpec.from_string(xml)
     assert REGISTRY["actuator_delay"].export(spec, p.ctx, Place("actuator", "motor", 0), np.array([0.01]))
@@ -252,7 +244,7 @@ def test_actuators_with_several_inputs_are_refused():
 def test_drives_have_a_size_whatever_they_are_told(xml, size):
     """A bias shows best where the command is zero."""
     bias = 0.3
-    p = prepared(xml, record(PENDULUM, size, force=lambda _, data: data.qfrc_applied.__setitem__(0, bias)))
+    p = prepared_of(xml, record(PENDULUM, size, force=lambda _, data: data.qfrc_applied.__setitem__(0, bias)))
     effect = REGISTRY["actuator_bias"]
     (param,) = effect.params(p.ctx, effect.places(p.ctx)[0])
     assert bias < param.high < 1000 * bias and param.scale < bias

@@ -41,18 +41,21 @@ def _as_given(d: Result) -> Context:
     return replace(d.ctx, model=model)
 
 
-def write_models(d: Result, folder: Path) -> None:
+def write_models(d: Result, folder: Path) -> tuple[str, str]:
     """Write `nominal.xml` (the model as given) and `corrected.xml`; meshes and images go to `assets/`.
 
-    A comment in `corrected.xml` names the effects that only `effects.json` holds.
+    A comment in `corrected.xml` names the effects that only `effects.json` holds. Returns both texts.
     """
     nominal = d.prepared.spec.copy()
     nominal.compile()
-    files.write_text(folder / NOMINAL, _text(nominal, folder))
+    given = _text(nominal, folder)
     spec, native = corrected_spec(d)
     spec.compile()
     missing = [f"{t.name} at {t.place.name}" for t, ok in native.items() if not ok]
-    files.write_text(folder / CORRECTED, with_comment(_text(spec, folder), missing))
+    corrected = with_comment(_text(spec, folder), missing)
+    files.write_text(folder / NOMINAL, given)
+    files.write_text(folder / CORRECTED, corrected)
+    return given, corrected
 
 
 def with_comment(xml: str, missing: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""What is left after the best hypothesis: noise, or structure that nothing here explains."""
+"""Errors of open-loop prediction over windows, and what noise alone would make of them."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from mpge_jax import files
-from mpge_jax.diagnosis.corrected.mjcf import CORRECTED, NOMINAL, write_models
+from mpge_jax.diagnosis.corrected.mjcf import write_models
 from mpge_jax.diagnosis.report.figures import draw
 from mpge_jax.diagnosis.report.html_page import page
 from mpge_jax.diagnosis.report.next_experiment import design
@@ -20,9 +20,7 @@ def write(d: Result, folder: Path) -> None:
     experiment = design(d, candidates_of(d), folder / "next_experiment.npz")
     table, effects = diagnosis_table(d, experiment), effects_table(d)
     files.write_text(folder / "effects.json", json.dumps(effects, indent=1, allow_nan=False))
-    write_models(d, folder)
+    models = write_models(d, folder)
     figures = draw(d, folder / "figures")
-    nominal, corrected = ((folder / name).read_text("utf-8") for name in (NOMINAL, CORRECTED))
-    html = page(d, table, effects, figures, experiment, (nominal, corrected))
-    files.write_text(folder / "report.html", html)
+    files.write_text(folder / "report.html", page(d, table, effects, figures, experiment, models))
     files.write_text(folder / "diagnosis.json", json.dumps(table, indent=1, allow_nan=False))

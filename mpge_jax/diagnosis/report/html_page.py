@@ -10,9 +10,8 @@ from typing import Any
 
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.report.force_errors import motion_is_given
-from mpge_jax.diagnosis.report.given import given
-from mpge_jax.diagnosis.report.html_table import table as table_of
-from mpge_jax.diagnosis.report.model_changes import pasted
+from mpge_jax.diagnosis.report.html_sections import given, pasted
+from mpge_jax.diagnosis.report.html_sections import table as table_of
 from mpge_jax.diagnosis.report.sentences import beside_noise, times, unit_of_joint, worse_without
 from mpge_jax.diagnosis.verdict.result import Result
 

@@ -138,13 +138,9 @@ def unit_of_joint(d: Result, name: str) -> str:
     joint = name if name in names.joints else name.partition(":")[0]
     if joint not in names.joints:
         return error_unit(d)
-    j, dof = names.joints.index(joint), name.removeprefix(joint).removeprefix(":")
-    linear = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
-    if m.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
-        linear = not dof.isdecimal() or int(dof) - int(m.jnt_dofadr[j]) < 3
-    if motion_is_given(d):
-        return "N" if linear else "N m"
-    return "m" if linear else "rad"
+    dofs, number = np.flatnonzero(m.dof_jntid == names.joints.index(joint)), name.removeprefix(f"{joint}:")
+    unit = unit_of_motion(m, int(next((dof for dof in dofs if str(dof) == number), dofs[0])))
+    return {"m": "N", "rad": "N m"}[unit] if motion_is_given(d) else unit
 
 
 def _differing(d: Result, f: Fitted, term: Term) -> Term:

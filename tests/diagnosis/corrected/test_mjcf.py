@@ -8,29 +8,16 @@ import pytest
 
 from mpge_jax.diagnosis import REGISTRY
 from mpge_jax.diagnosis.corrected import CorrectedModel
-from mpge_jax.diagnosis.effects.base import find_place
 from mpge_jax.diagnosis.effects.context import nominal_context
-from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec
-from mpge_jax.diagnosis.simulation.single_step import Machine
 from tests.diagnosis.machines import ARM, PENDULUM
-
-
-def _exported(xml: str, parts: dict[str, tuple[str, list[float]]]) -> tuple[mujoco.MjModel, Machine]:
-    """The model with effects written one after the other, and the machine on which they act: {id: (place, theta)}."""
-    spec = mujoco.MjSpec.from_string(xml)
-    ctx = nominal_context(compile_variable(spec))
-    terms = {Term(i, find_place(ctx, REGISTRY[i], at)): np.array(theta) for i, (at, theta) in parts.items()}
-    spec.compile()
-    for term, theta in terms.items():
-        assert term.effect.export(spec, ctx, term.place, theta)
-    return spec.compile(), Machine.build(ctx, tuple(terms), tuple(terms.values()))
+from tests.diagnosis.searches import exported
 
 
 @pytest.mark.parametrize("settings", ["", '<compiler inertiafromgeom="true"/>'])
 def test_exported_effects_add_up(settings):
     """Each effect is added to what the ones before it left, as in the machine on which they act together."""
-    model, machine = _exported(
+    model, machine = exported(
         ARM.replace("<option", f"{settings}<option"),
         {
             "mass_scale": ("world", [1.5]),
@@ -51,7 +38,7 @@ def test_exported_effects_add_up(settings):
 def test_springs_of_models_in_degrees_are_exported_in_degrees():
     xml = PENDULUM.replace("<option", '<compiler angle="degree"/><option')
     xml = xml.replace('name="hinge"', 'name="hinge" stiffness="0.3" springref="20"')
-    model, machine = _exported(xml, {"joint_stiffness": ("hinge", [0.6, 0.1])})
+    model, machine = exported(xml, {"joint_stiffness": ("hinge", [0.6, 0.1])})
     # springs in parallel: 0.3 at 20 degrees and 0.6 at 0.1 / 0.6 rad
     assert model.jnt_stiffness[0] == pytest.approx(0.9)
     assert model.qpos_spring[0] == pytest.approx((0.3 * np.deg2rad(20) + 0.1) / 0.9)
@@ -85,7 +72,7 @@ def test_a_dead_muscle_can_be_written():
     xml = PENDULUM.replace("<motor", '<muscle lengthrange="-2 2"').replace(
         'ctrlrange="-2 2"', 'ctrlrange="0 1"'
     )
-    model, _ = _exported(xml, {"dead_actuator": ("motor", [])})
+    model, _ = exported(xml, {"dead_actuator": ("motor", [])})
     data = mujoco.MjData(model)
     data.ctrl[:], data.act[:] = 1.0, 1.0
     mujoco.mj_forward(model, data)

@@ -15,8 +15,8 @@ from mpge_jax.diagnosis.estimation.whitening import column_scale
 from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.states import States, estimate
 from mpge_jax.diagnosis.simulation.drive_signal import Source
-from tests.diagnosis.machines import ARM
-from tests.diagnosis.selection.test_selection import FLYER, SERVO, _prepared
+from tests.diagnosis.machines import ARM, FLYER, SERVO
+from tests.diagnosis.searches import prepared_of
 
 
 def test_dense_logs_are_not_coarse_and_undersampled_ones_are():
@@ -60,7 +60,7 @@ def test_a_servos_force_is_no_staircase_where_measurements_are_the_states(monkey
         recordings.append(Recording(f"run_{k}", time, q, v, u, f))
     monkeypatch.setattr(preparation, "is_coarse", lambda *_: True)
     monkeypatch.setattr(preparation, "bound", lambda *args: dataclasses.replace(args[2], direct=True))
-    source = _prepared(SERVO, recordings).train_sources[0]
+    source = prepared_of(SERVO, recordings).train_sources[0]
     force = source.recording.force
     np.testing.assert_array_equal(source.states.qpos, source.recording.qpos)
     # of the first recording, which is not held out; the last row lasts for no time

@@ -23,10 +23,10 @@ from mpge_jax.diagnosis.measurement.servo_force_age import staleness
 from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.selection.remainder import leaves
-from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.force_between_rows import servo_jumps
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
 from tests.diagnosis.machines import excitation
+from tests.diagnosis.searches import search_of
 
 SERVO = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="arm">
 <joint name="hinge" axis="0 1 0" damping="0.02" armature="0.01"/>
@@ -80,10 +80,7 @@ def _driven(noise: float, rate: int = 100, gain: float = 1.0, count: int = 4) ->
 
 
 def _search(recordings: list[Recording]):
-    spec = mujoco.MjSpec.from_string(SERVO)
-    plain = compile_variable(spec)
-    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    return p, build_search(p, lambda _text: None, p.config.decide_s)
+    return search_of(SERVO, recordings)[::-1]
 
 
 def test_a_servo_that_is_as_modelled_seems_to_lack_no_damping():

@@ -18,8 +18,8 @@ from mpge_jax.diagnosis.effects.context import Context, Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.simulation.single_step import Machine
-from tests.diagnosis.corrected.test_mjcf import _exported
 from tests.diagnosis.machines import ARM, BOX, PENDULUM
+from tests.diagnosis.searches import exported
 
 VALUES = {
     "viscous_damping": [0.08], "coulomb_friction": [0.05], "stribeck_friction": [0.03, 0.04, 0.4],
@@ -287,7 +287,7 @@ def test_an_effect_of_ones_own_in_a_few_lines():
             def model(self, f, ctx, place, theta):
                 f.add("dof_damping", ctx.dof(place), theta[..., 0])
 
-        model, m = _exported(PENDULUM, {"test_glue": ("hinge", [0.3])})
+        model, m = exported(PENDULUM, {"test_glue": ("hinge", [0.3])})
         assert model.dof_damping[0] == m.model.dof_damping[0] == pytest.approx(0.32)
         glue = table["test_glue"].sentence(Place("joint", "hinge", 0), {"glue": "0.30 N m s/rad"})
         assert glue == "The hinge is glued with 0.30 N m s/rad."

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from mpge_jax.diagnosis import Config, Recording
+from mpge_jax.diagnosis import Recording
 from mpge_jax.diagnosis.corrected import CorrectedModel
-from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.drive import JointFlexibility
@@ -20,27 +19,22 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, proposals
 from mpge_jax.diagnosis.estimation.screening import screen
 from mpge_jax.diagnosis.estimation.whitening import robust_loss
-from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.selection import criteria
 from mpge_jax.diagnosis.selection.search_state import Search
-from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.batch_simulator import MANY_STEPS, Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.scales import _beside_contacts
 from mpge_jax.diagnosis.simulation.windows import cut
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, excitation, record
+from tests.diagnosis.searches import search_of
 
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
 FLEXIBLE = {"stiffness": 8.0, "damping": 0.02}
 
 
 def _search(xml: str, recordings: list[Recording]) -> Search:
-    spec = mujoco.MjSpec.from_string(xml)
-    plain = compile_variable(spec)
-    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    return build_search(p, lambda _text: None, p.config.decide_s)
+    return search_of(xml, recordings)[0]
 
 
 def _known(s: Search, term: Term, theta: list[float]) -> Fitted:

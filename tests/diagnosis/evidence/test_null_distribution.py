@@ -8,8 +8,8 @@ import numpy as np
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, Left, floor
-from tests.diagnosis.machines import PENDULUM, record
-from tests.diagnosis.selection.test_selection import FLYER, _prepared
+from tests.diagnosis.machines import FLYER, PENDULUM, record
+from tests.diagnosis.searches import prepared_of
 
 
 def test_what_scatters_widely_exceeds_the_floor_by_ranks():
@@ -64,5 +64,5 @@ def test_what_is_left_on_a_free_body_does_not_raise_the_floor():
     recordings = record(FLYER, 0.05, force=turn, noise=2e-4)
     for r in recordings:
         r.qpos[:, 3:] /= np.linalg.norm(r.qpos[:, 3:], axis=1, keepdims=True)
-    p = _prepared(FLYER, recordings)
+    p = prepared_of(FLYER, recordings)
     assert floor(p, NOTHING).loss < 2.0

@@ -6,9 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.dataset.coarse_sampling import _scaled
-from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.base import REGISTRY, find_place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -17,12 +15,10 @@ from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.evidence.null_distribution import floor
 from mpge_jax.diagnosis.machine.contact_pairs import allowed_pairs, touching_pairs
-from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.selection.remainder import leaves
 from mpge_jax.diagnosis.selection.search_state import Search
-from mpge_jax.diagnosis.selection.setup import build_search
 from tests.diagnosis.machines import BOX, record
+from tests.diagnosis.searches import prepared_of, search_of
 
 TWO = """<mujoco><option timestep="0.002"/><worldbody><geom name="floor" type="plane" size="5 5 1"/>
 <body name="left" pos="-.5 0 .1"><joint name="a" type="slide" axis="1 0 0"/><joint name="u" type="slide" axis="0 0 1"/>
@@ -58,18 +54,12 @@ def test_bodies_of_several_geoms_come_near_too():
     assert touching_pairs(model, np.array([[0, 0.021, 0, 0.5]]), 1.0) == ()
 
 
-def _prepared(xml: str, recordings: list[Recording]) -> Prepared:
-    spec = mujoco.MjSpec.from_string(xml)
-    plain = compile_variable(spec)
-    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-
-
 def _places(xml: str, missing: int | None = None) -> list[str]:
     recordings = record(xml, 1.0, seconds=0.5)
     for r in recordings:
         if missing is not None:
             r.qpos[:, missing] = np.nan
-    p = _prepared(xml, recordings)
+    p = prepared_of(xml, recordings)
     return [q.name for q in REGISTRY["contact_friction"].places(p.ctx)]
 
 
@@ -95,8 +85,7 @@ LEG = """<mujoco><option timestep="0.004" integrator="RK4"/><worldbody><geom nam
 
 def _search(xml: str, **reality) -> tuple[Prepared, Search]:
     """The search in recordings of a leg that differs from `xml`, seen with an excellent encoder."""
-    p = _prepared(xml, record(xml, 25.0, seconds=4.0, noise=1e-5, **reality))
-    return p, build_search(p, lambda _text: None, p.config.decide_s)
+    return search_of(xml, record(xml, 25.0, seconds=4.0, noise=1e-5, **reality))[::-1]
 
 
 @pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
@@ -141,7 +130,7 @@ def test_a_load_is_found_through_impacts_without_slopes():
 def test_a_fit_among_impacts_follows_slopes_over_longer_differences(start, monkeypatch):
     """A residual that falls evenly towards 30 scales, under ripples that make it as steep as fifty times that, either
     way, over the usual difference."""
-    p = _prepared(BOX, record(BOX, 1.0))
+    p = prepared_of(BOX, record(BOX, 1.0))
     assert p.ctx.contacts
     w = p.windows(False, p.config.decide_s, 10)
     term = Term("viscous_damping", find_place(p.ctx, REGISTRY["viscous_damping"], "x"))

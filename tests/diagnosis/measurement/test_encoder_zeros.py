@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
-from mpge_jax.diagnosis.dataset.preparation import prepare
-from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
-from mpge_jax.diagnosis.machine.model import compile_variable, names_of
 from mpge_jax.diagnosis.measurement.encoder_zeros import (
     _at_stops,
     _common,
@@ -20,16 +17,10 @@ from mpge_jax.diagnosis.measurement.encoder_zeros import (
     other_zeros,
     with_zeros,
 )
-from mpge_jax.diagnosis.recordings.recording import validate
 from tests.diagnosis.machines import ARM, BOX, record
+from tests.diagnosis.searches import prepared_of
 
 SIZE = [1.5, 0.6]
-
-
-def prepared(xml: str, recordings: list[Recording]) -> Prepared:
-    spec = mujoco.MjSpec.from_string(xml)
-    plain = compile_variable(spec)
-    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
 
 
 def shifted(recordings: list[Recording], zeros: dict[int, list[float]]) -> list[Recording]:
@@ -48,7 +39,7 @@ def test_the_usual_zero_is_the_models_where_the_zeros_lie_around_it():
 
 def test_zeros_of_single_recordings_are_found(runs):
     zeros = {1: [0.0, 0.04], 3: [-0.05, 0.02]}
-    p = prepared(ARM, shifted(runs, zeros))
+    p = prepared_of(ARM, shifted(runs, zeros))
     found = other_zeros(p, NOTHING)
     assert set(found) == {"run_1", "run_3"}
     for k, value in zeros.items():
@@ -63,22 +54,22 @@ def test_zeros_of_single_recordings_are_found(runs):
 
 
 def test_equal_zeros_and_other_physics_are_no_differences_of_zeros(runs):
-    assert not other_zeros(prepared(ARM, runs), NOTHING)
+    assert not other_zeros(prepared_of(ARM, runs), NOTHING)
     # the same zeros everywhere are an effect, `encoder_offset`
-    assert not other_zeros(prepared(ARM, shifted(runs, {k: [0.05, 0.0] for k in range(5)})), NOTHING)
+    assert not other_zeros(prepared_of(ARM, shifted(runs, {k: [0.05, 0.0] for k in range(5)})), NOTHING)
 
     def bumpy(model, data):
         data.qfrc_applied[1] = -0.15 * np.sign(data.qvel[1]) * (abs(data.qpos[1]) < 0.2)
 
-    assert not other_zeros(prepared(ARM, record(ARM, SIZE, force=bumpy, count=5)), NOTHING)
+    assert not other_zeros(prepared_of(ARM, record(ARM, SIZE, force=bumpy, count=5)), NOTHING)
 
 
 def test_what_no_zero_is_like_is_not_called_one(runs):
-    assert not other_zeros(prepared(ARM, shifted(runs, {1: [0.6, -0.6]})), NOTHING)
+    assert not other_zeros(prepared_of(ARM, shifted(runs, {1: [0.6, -0.6]})), NOTHING)
 
 
 def test_windows_in_which_a_joint_comes_to_its_stop_do_not_count(runs):
-    p = prepared(ARM.replace('name="elbow"', 'name="elbow" limited="true" range="-50 50"'), runs)
+    p = prepared_of(ARM.replace('name="elbow"', 'name="elbow" limited="true" range="-50 50"'), runs)
     w = p.windows(False, p.config.decide_s, 100)
     ends = (np.abs(w.qpos[..., 1]) > 0.98 * np.deg2rad(50)).any(1)
     assert 0 < ends.sum() < w.count
@@ -87,7 +78,7 @@ def test_windows_in_which_a_joint_comes_to_its_stop_do_not_count(runs):
 
 def test_nothing_is_said_of_machines_that_strike_things():
     runs = record(BOX, 6.0, count=4)
-    assert not other_zeros(prepared(BOX, shifted(runs, {1: [0.0, 0.02]})), NOTHING)
+    assert not other_zeros(prepared_of(BOX, shifted(runs, {1: [0.0, 0.02]})), NOTHING)
 
 
 def test_a_held_out_session_with_other_zeros_does_not_hide_what_is_missing():

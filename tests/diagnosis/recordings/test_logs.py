@@ -9,34 +9,28 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
-from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.drives.drive_laws import PAUSE, log_of
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import floor
-from mpge_jax.diagnosis.machine.model import compile_variable, names_of
+from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.column_map import apply
 from mpge_jax.diagnosis.recordings.noise_level import quantum
 from mpge_jax.diagnosis.recordings.reader import load_recordings
 from mpge_jax.diagnosis.recordings.recorded_velocities import wrong
-from mpge_jax.diagnosis.recordings.recording import from_zero, unwrapped, validate
+from mpge_jax.diagnosis.recordings.recording import from_zero, unwrapped
 from mpge_jax.diagnosis.recordings.states import estimate
 from mpge_jax.diagnosis.report.next_experiment import _windows
 from tests.diagnosis.machines import ARM, PENDULUM, record
+from tests.diagnosis.searches import prepared_of
 
 SPINNER = """<mujoco><worldbody><body><joint name="hinge" axis="0 0 1"/><geom size=".1"/></body></worldbody></mujoco>"""
-
-
-def _prepared(xml: str, recordings: list[Recording]):
-    spec = mujoco.MjSpec.from_string(xml)
-    plain = compile_variable(spec)
-    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
 
 
 @pytest.mark.parametrize("rate", [100, 500])
 def test_the_floor_of_fast_logs_is_that_of_slow_ones(rate):
     """Commands averaged over the rows between those that are compared would count as noise."""
-    p = _prepared(PENDULUM, record(PENDULUM, 0.8, rate=rate, noise=1e-5))
+    p = prepared_of(PENDULUM, record(PENDULUM, 0.8, rate=rate, noise=1e-5))
     assert floor(p, NOTHING).losses.max() < 2.0
 
 
@@ -48,7 +42,7 @@ def test_commands_are_found_on_jittered_clocks_of_any_origin(origin):
     zero = np.zeros((time.size, 1))
     r = from_zero(Recording("run", time, zero, zero, ctrl, ctrl))
     assert r.origin + r.time[-1] == time[-1]
-    p = _prepared(PENDULUM, record(PENDULUM, 0.8))
+    p = prepared_of(PENDULUM, record(PENDULUM, 0.8))
     source = dataclasses.replace(p.train_sources[0], recording=r, states=_still(time.size))
     log = log_of(source, p.ctx, 0, dt, 0)
     np.testing.assert_array_equal(log.u[0, log.at], ctrl[:, 0])
@@ -65,7 +59,7 @@ def _still(rows: int):
 def test_a_pause_in_a_log_of_forces_costs_nothing():
     time = np.concatenate([np.arange(100), 1e6 + np.arange(100)]) * 1e-2
     zero = np.zeros((time.size, 1))
-    p = _prepared(PENDULUM, record(PENDULUM, 0.8))
+    p = prepared_of(PENDULUM, record(PENDULUM, 0.8))
     r = Recording("run", time, zero, zero, zero, zero)
     source = dataclasses.replace(p.train_sources[0], recording=r, states=_still(time.size))
     log = log_of(source, p.ctx, 0, 1e-2, 0)
@@ -149,7 +143,7 @@ def test_filtered_velocities_are_seen_after_a_long_rest():
 @pytest.mark.parametrize("seconds", [0.9, 1.1])
 def test_a_short_recording_holds_shorter_windows(seconds):
     (r,) = record(PENDULUM, 0.8, count=1, seconds=seconds)
-    p = _prepared(PENDULUM, [r])
+    p = prepared_of(PENDULUM, [r])
     for held in (False, True):
         assert p.windows(held, 0.5, 10).count >= 1
 
@@ -173,7 +167,7 @@ def test_a_map_of_a_stack_of_tables_is_refused(tmp_path):
 
 def test_a_proposed_experiment_starts_at_rest_for_late_sensors_too():
     class Found:
-        prepared = _prepared(PENDULUM, record(PENDULUM, 0.8))
+        prepared = prepared_of(PENDULUM, record(PENDULUM, 0.8))
 
     q0 = np.array([0.3])
     w = _windows(Found(), q0, np.zeros((2, 20, 1)), 0.002)

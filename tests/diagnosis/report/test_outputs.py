@@ -19,8 +19,8 @@ from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.report.figures import _span
 from mpge_jax.diagnosis.report.html_page import _drives
+from mpge_jax.diagnosis.report.html_sections import changes, pasted
 from mpge_jax.diagnosis.report.markdown_page import window_errors
-from mpge_jax.diagnosis.report.model_changes import changes, pasted
 from mpge_jax.diagnosis.report.sentences import beside_noise, explanation, moves, times, worse_without
 from mpge_jax.diagnosis.report.tables import effects_table
 from mpge_jax.diagnosis.selection.alternatives import _one_each

@@ -5,27 +5,19 @@ import numpy as np
 import pytest
 
 import mpge_jax.diagnosis.selection.forward_selection as searching
-from mpge_jax.diagnosis import Config
-from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored
-from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.selection.all_joints import everywhere
 from mpge_jax.diagnosis.selection.competition import at_noise
-from mpge_jax.diagnosis.selection.setup import build_search
 from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.searches import search_of
 
 FRICTION, ROTOR = np.array([0.25, 0.12]), np.array([0.03, 0.02])
 
 
 def _search(change):
-    spec = mujoco.MjSpec.from_string(ARM)
-    plain = compile_variable(spec)
-    recordings = record(ARM, [4.0, 0.8], change=change, count=4)
-    p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    return build_search(p, lambda _text: None, p.config.decide_s)
+    return search_of(ARM, record(ARM, [4.0, 0.8], change=change, count=4))[0]
 
 
 def _fitted(s, theta: dict[str, float]) -> Fitted:

@@ -8,16 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.dataset import preparation as preparation
-from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, numerics, robust_loss, whitener
-from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.selection.alternatives import find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.competition import LOUD, QUIET, at_noise
@@ -28,26 +24,12 @@ from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.informative_windows import SCREEN_WINDOWS, screen_windows
 from mpge_jax.diagnosis.verdict.judgement import note_numerics
-from tests.diagnosis.machines import ARM, PENDULUM, record
-
-FLYER = """<mujoco><option timestep="0.004" gravity="0 0 0"/><worldbody><body name="frame"><freejoint/>
-<geom type="box" size=".2 .1 .05" mass="1" contype="0" conaffinity="0"/><site name="s" pos=".2 0 0"/></body></worldbody>
-<actuator><motor name="rotor" site="s" gear="0 0 1 0 0 0"/></actuator></mujoco>"""
-
-
-def _prepared(xml: str, recordings: list[Recording]):
-    spec = mujoco.MjSpec.from_string(xml)
-    plain = compile_variable(spec)
-    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
+from tests.diagnosis.machines import ARM, PENDULUM, SERVO, record
+from tests.diagnosis.searches import prepared_of
 
 
 def _search(p):
     return build_search(p, lambda _text: None, p.config.decide_s)
-
-
-SERVO = """<mujoco><option timestep="0.002"/><worldbody><body name="arm"><joint name="pivot" axis="0 1 0" damping="1"/>
-<geom type="capsule" fromto="0 0 0 0 0 -.5" size=".02" mass="1" contype="0" conaffinity="0"/></body></worldbody>
-<actuator><position name="servo" joint="pivot" kp="20"/></actuator></mujoco>"""
 
 
 def test_reclipped_bias_over_a_timeline_equals_its_steps():
@@ -72,7 +54,7 @@ def gained():
     def change(model: mujoco.MjModel) -> None:
         model.actuator_gainprm[:, 0] = 0.7
 
-    return _search(_prepared(PENDULUM, record(PENDULUM, 0.8, change=change)))
+    return _search(prepared_of(PENDULUM, record(PENDULUM, 0.8, change=change)))
 
 
 def _with(s, theta: dict[str, float]) -> Fitted:
@@ -110,7 +92,7 @@ def test_two_effects_are_found_and_weighed_after_long_work():
         model.actuator_gainprm[0, 0] = 0.7
         model.dof_frictionloss[1] = 0.1
 
-    s = _search(_prepared(ARM, record(ARM, [2.0, 0.8], change=change)))
+    s = _search(prepared_of(ARM, record(ARM, [2.0, 0.8], change=change)))
     s.sim.work = 2 * WORK
     likely = {
         "actuator_gain",
@@ -163,7 +145,7 @@ STIFF = SERVO.replace('kp="20"', 'kp="80" kv="2" forcerange="-1.5 1.5"').replace
 
 def test_what_a_coarse_timestep_gets_wrong_is_noise_where_it_is_not_linear():
     """A servo that saturates, recorded from four times finer steps, lacks nothing."""
-    p = _prepared(STIFF, record(STIFF, 0.8, noise=1e-5))
+    p = prepared_of(STIFF, record(STIFF, 0.8, noise=1e-5))
     s = _search(p)
     residual = p.sim.residuals([Run(NOTHING.hypothesis, NOTHING.theta)], s.held)
     around = (p.sim, NOTHING.hypothesis, NOTHING.theta, s.held, p.noise)
@@ -192,7 +174,7 @@ def test_what_one_of_many_joints_lacks_does_not_drown(lacking):
     def change(model: mujoco.MjModel) -> None:
         model.dof_damping[3] += lacking
 
-    s = _search(_prepared(PENDULA, record(PENDULA, 0.8, change=change, noise=1e-3)))
+    s = _search(prepared_of(PENDULA, record(PENDULA, 0.8, change=change, noise=1e-3)))
     white = s.whiten_one(NOTHING, s.train)
     flat = white(s.sim.residuals([Run(NOTHING.hypothesis, NOTHING.theta)], s.train))[0]
     each = robust_loss(white.by_dof(flat, 16)).mean(0)
@@ -205,7 +187,7 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
     """MuJoCo's Euler takes a servo's damping at the old speed, implicitfast at the new one."""
     stiff = ARM.replace('kp="8" kv="0.4"', 'kp="60" kv="1.5"')
     explicit = stiff.replace('"implicitfast"', '"Euler"').replace('"0.002"', '"0.004"')
-    s = _search(_prepared(stiff, record(explicit, 0.8, noise=3e-6)))
+    s = _search(prepared_of(stiff, record(explicit, 0.8, noise=3e-6)))
     nothing = Run(NOTHING.hypothesis, NOTHING.theta)
     changes = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held)
     losses = []
@@ -219,7 +201,7 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
 @pytest.mark.parametrize(("timestep", "warned"), [("0.002", True), ("0.008", False)])
 def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
     """Recordings are made with a quarter of the timestep."""
-    p = _prepared(PENDULUM, record(PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
+    p = prepared_of(PENDULUM, record(PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
     note_numerics(p, NOTHING, p.windows(True, p.config.report_s, 60))
     assert any("move as with a finer timestep" in w for w in p.warnings) == warned
     assert not any("another moment" in w for w in p.warnings)

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
-from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import floor
-from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.recordings.recording import rows_of, validate
+from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.simulation.actuator_state import activations
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from tests.diagnosis.machines import PENDULUM
+from tests.diagnosis.searches import prepared_of
 
 FILTER = PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')
 MUSCLE = PENDULUM.replace("<motor", '<muscle lengthrange="-2 2" timeconst=".02 .05" force="3"')
@@ -45,16 +44,10 @@ def _record(xml: str, runs: int = 3) -> tuple[list[Recording], list[np.ndarray]]
     return out, activations
 
 
-def _prepared(xml: str, recordings: list[Recording]):
-    spec = mujoco.MjSpec.from_string(xml)
-    plain = compile_variable(spec)
-    return prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-
-
 @pytest.mark.parametrize(("xml", "settling"), [(FILTER, 0.15), (CLIPPED, 0.15), (LATE, 0.18), (MUSCLE, 0.4)])
 def test_windows_start_with_the_activation_that_the_commands_left(xml, settling):
     recordings, activations = _record(xml)
-    p = _prepared(xml, recordings)
+    p = prepared_of(xml, recordings)
     w = p.windows(False, 0.25, 40)
     assert w.start.min() >= settling
     names = {r.name: a for r, a in zip(recordings, activations, strict=True)}
@@ -74,14 +67,14 @@ def test_short_recordings_of_slow_filters_still_hold_windows():
     recordings = [
         Recording(r.name, r.time[:50], r.qpos[:50], None, r.ctrl[:50]) for r in _record(xml, runs=6)[0]
     ]
-    p = _prepared(xml, recordings)
+    p = prepared_of(xml, recordings)
     for held in (False, True):
         assert p.windows(held, p.config.decide_s, 40).count and p.windows(held, p.config.report_s, 40).count
 
 
 def test_the_floor_of_slow_filters_is_the_noise():
     xml = FILTER.replace('".03"', '".1"')
-    noise = floor(_prepared(xml, _record(xml)[0]), NOTHING)
+    noise = floor(prepared_of(xml, _record(xml)[0]), NOTHING)
     # below one: a share of what the timestep changes counts as noise, and the simulated recordings have none of that
     assert 0.2 < noise.loss < 1.2 and noise.losses.max() < 3.0
 
@@ -94,7 +87,7 @@ def test_commands_act_later_and_in_finer_steps():
         Recording(f"run_{k}", np.arange(rows) / RATE, 1e-3 * np.sin(np.arange(rows) + k)[:, None], None, ctrl)
         for k in range(3)
     ]
-    w = _prepared(PENDULUM, recordings).windows(False, 0.25, 40)
+    w = prepared_of(PENDULUM, recordings).windows(False, 0.25, 40)
     for k in range(w.count):
         at = w.start[k] + w.dt * np.arange(-w.history, w.steps)
         held = np.clip(np.floor(at * RATE + 1e-6) / 100, 0.0, None)
