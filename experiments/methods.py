@@ -247,6 +247,7 @@ def _ground(
     rows = [int(np.sum(np.asarray(count))) for count in logs.count]
     simulated = [0] * seeds
 
+    @jax.jit
     def repeat(tree: Any) -> Any:
         return jax.tree.map(lambda x: jnp.repeat(x, members, axis=0), tree)
 

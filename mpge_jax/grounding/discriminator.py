@@ -19,7 +19,7 @@ from flax.linen.initializers import xavier_uniform
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from mpge_jax.learning import normalise
-from mpge_jax.learning.networks import MLP
+from mpge_jax.learning.networks import MLP, initial
 from mpge_jax.learning.policy_gradient import Metrics, Params
 
 # The authors clip D to [1e-8, 1 - 1e-8] before the logarithm.
@@ -107,8 +107,11 @@ class DiscriminatorState(struct.PyTreeNode):
     interpolation: Float[Array, "*n I"]
 
 
+_INIT = xavier_uniform()
+
+
 def _network(config: DiscriminatorConfig) -> nn.Module:
-    return MLP((*config.hidden, 1), nn.tanh, hidden_init=xavier_uniform())
+    return MLP((*config.hidden, 1), nn.tanh, hidden_init=_INIT)
 
 
 def init(
@@ -117,7 +120,7 @@ def init(
     """A fresh discriminator that has seen no data. `key` is consumed."""
     network_key, interpolation_key = jax.random.split(key)
     inputs = 2 * observation_size + action_size
-    params = _network(config).init(network_key, jnp.zeros((1, inputs)))
+    params = initial(_network(config), network_key, inputs)
     return DiscriminatorState(
         params=params,
         optimiser=optax.adam(config.learning_rate).init(params),

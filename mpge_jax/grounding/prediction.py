@@ -3,6 +3,8 @@
 Shapes: `K` rollout policies, `M` rows of a policy, `H` rows held out, `O` observation, `A` action size.
 """
 
+from functools import partial
+
 import flax.struct
 import jax
 import jax.numpy as jnp
@@ -30,6 +32,7 @@ class HeldOut(flax.struct.PyTreeNode):
     weight: Float[Array, "*n H"]
 
 
+@partial(jax.jit, static_argnames=("share", "most"))
 def hold_out(log: TargetLog, share: float, most: int = 256) -> tuple[TargetLog, HeldOut]:
     """Keeps the last `share` of every policy's rows back (at least one, where it has two).
 

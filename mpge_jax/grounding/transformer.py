@@ -13,7 +13,7 @@ from flax import struct
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from mpge_jax.learning.distributions import gaussian_log_prob, gaussian_sample
-from mpge_jax.learning.networks import MLP, orthogonal, widths
+from mpge_jax.learning.networks import MLP, initial, orthogonal, widths
 from mpge_jax.learning.policy_gradient import Params
 
 
@@ -58,7 +58,7 @@ def init(
     inputs = observation_size + action_size
     return Transformer(
         params={
-            "mean": network.init(key, jnp.zeros((1, inputs))),
+            "mean": initial(network, key, inputs),
             "log_std": jnp.full(action_size, config.init_log_std, jnp.float32),
         },
         input_mean=jnp.zeros(inputs),

@@ -31,7 +31,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, PRNGKeyArray
 from mpge_jax.learning import buffer as replay
 from mpge_jax.learning.buffer import ReplayBuffer, Transition
 from mpge_jax.learning.distributions import gaussian_entropy, tanh_gaussian_sample
-from mpge_jax.learning.networks import MLP, widths
+from mpge_jax.learning.networks import MLP, initial, widths
 from mpge_jax.learning.policy_gradient import Metrics
 
 LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
@@ -180,9 +180,9 @@ def warm_start(actor: Actor, critic: Any, log_alpha: Float[Array, ""], config: S
 
 def _init_networks(key: PRNGKeyArray, obs_size: int, action_size: int, config: SACConfig) -> tuple[Any, Any]:
     actor_key, critic_key = jax.random.split(key)
-    actor_params = _actor_net(config.hidden, action_size).init(actor_key, jnp.zeros(obs_size))
-    critic_input = jnp.zeros(obs_size + action_size)
-    critic = jax.vmap(_critic_net(config).init, (0, None))(jax.random.split(critic_key), critic_input)
+    actor_params = initial(_actor_net(config.hidden, action_size), actor_key, obs_size)
+    keys = jax.random.split(critic_key)
+    critic = jax.vmap(lambda key: initial(_critic_net(config), key, obs_size + action_size))(keys)
     return actor_params, critic
 
 

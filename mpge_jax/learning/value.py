@@ -16,7 +16,7 @@ from flax import struct
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from envs.select import select
-from mpge_jax.learning.networks import MLP, orthogonal
+from mpge_jax.learning.networks import MLP, initial, orthogonal
 from mpge_jax.learning.policy_gradient import Metrics, Params
 
 
@@ -68,7 +68,7 @@ def init(key: PRNGKeyArray, input_size: int, config: ValueConfig) -> ValueState:
     """Fresh values of (s, a) with `input_size = O + A`. `key` is consumed."""
     features = input_size + (config.policies if config.heads == "one_hot" else 0)
     keys = jax.random.split(key, config.networks)
-    params = jax.vmap(_network(config).init, in_axes=(0, None))(keys, jnp.zeros((1, features)))
+    params = jax.vmap(lambda key: initial(_network(config), key, features))(keys)
     return ValueState(params=params, optimiser=jax.vmap(optax.adam(config.learning_rate).init)(params))
 
 

@@ -26,6 +26,11 @@ KINDS = ("MS", "ER")
 ER_COEFFICIENT = 0.1
 
 
+def _rows(tree: Any, index: int | list[int]) -> Any:
+    """`x[index]` of every leaf. By NumPy: JAX would compile a program for the shape of each."""
+    return jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[index]), tree)
+
+
 class PolicySet(flax.struct.PyTreeNode):
     """K policies; every leaf has a leading axis K.
 
@@ -61,8 +66,7 @@ class PolicySet(flax.struct.PyTreeNode):
         """
         if not all(0 <= index < self.size for index in indices):
             raise ValueError(f"policies {list(indices)} were asked for, this set has 0 to {self.size - 1}")
-        chosen = np.asarray(indices)
-        return jax.tree.map(lambda x: x[chosen], self)
+        return _rows(self, list(indices))
 
     def learner(self, index: int, config: SACConfig) -> SACState:
         """A SAC learner that goes on from policy `index`: its actor, critics and temperature.
@@ -70,7 +74,7 @@ class PolicySet(flax.struct.PyTreeNode):
         Raises:
           ValueError: the configuration wants networks of other sizes.
         """
-        one = jax.tree.map(lambda x: x[index], self)
+        one = _rows(self, index)
         return sac.warm_start(one.actor, one.critic, one.log_alpha, config)
 
 
@@ -134,7 +138,7 @@ def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
         loaded = PolicySet(actor, nested["critic"], jnp.asarray(log_alpha))
         if {x.shape[0] for x in jax.tree.leaves(loaded)} != {loaded.size}:
             raise ValueError("its arrays do not belong to one number of policies")
-        if not all(bool(jnp.all(jnp.isfinite(x))) for x in jax.tree.leaves(loaded)):
+        if not all(np.all(np.isfinite(x)) for x in jax.tree.leaves(loaded)):
             raise ValueError("a number in it is not finite")
         return loaded, about
     except Exception as error:

@@ -11,16 +11,17 @@ from mpge_jax.learning import buffer as replay
 from mpge_jax.learning.buffer import Transition
 
 OBS, ACTION = 3, 2
+add = jax.jit(replay.add_batch)
 
 
 def transitions(start: int, count: int) -> Transition:
     """Transitions `start, start + 1, ...`; every field of number i tells i."""
-    number = jnp.arange(start, start + count, dtype=jnp.float32)
+    number = np.arange(start, start + count, dtype=np.float32)
     return Transition(
-        obs=jnp.tile(number[:, None], (1, OBS)),
-        action=jnp.tile(number[:, None] + 0.25, (1, ACTION)),
+        obs=np.tile(number[:, None], (1, OBS)),
+        action=np.tile(number[:, None] + 0.25, (1, ACTION)),
         reward=number + 0.5,
-        next_obs=jnp.tile(number[:, None] + 1.0, (1, OBS)),
+        next_obs=np.tile(number[:, None] + 1.0, (1, OBS)),
         terminated=number % 2,
     )
 
@@ -39,7 +40,7 @@ def test_holds_the_last_transitions_in_a_ring(counts):
     capacity = 5
     buffer, ring, start = replay.init(capacity, OBS, ACTION), {}, 0
     for count in counts:
-        buffer = replay.add_batch(buffer, transitions(start, count))
+        buffer = add(buffer, transitions(start, count))
         ring.update({i % capacity: i for i in range(start, start + count)})
         start += count
     assert int(buffer.size) == min(start, capacity)
@@ -49,7 +50,7 @@ def test_holds_the_last_transitions_in_a_ring(counts):
 
 
 def test_samples_are_whole_transitions_from_the_valid_rows_only():
-    buffer = replay.add_batch(replay.init(100, OBS, ACTION), transitions(10, 4))
+    buffer = add(replay.init(100, OBS, ACTION), transitions(10, 4))
     numbers = assert_consistent(replay.sample(buffer, jax.random.key(0), 64))
     assert set(numbers) == {10, 11, 12, 13}
 
@@ -57,7 +58,7 @@ def test_samples_are_whole_transitions_from_the_valid_rows_only():
 def test_samples_are_uniform_after_the_wrap():
     buffer = replay.init(4, OBS, ACTION)
     for start in (0, 3):
-        buffer = replay.add_batch(buffer, transitions(start, 3))
+        buffer = add(buffer, transitions(start, 3))
     batch = replay.sample(buffer, jax.random.key(0), 4000)
     numbers, counts = np.unique(np.asarray(batch.obs[:, 0]), return_counts=True)
     assert list(numbers) == [2, 3, 4, 5]
@@ -66,7 +67,7 @@ def test_samples_are_uniform_after_the_wrap():
 
 
 def test_same_key_same_batch():
-    buffer = replay.add_batch(replay.init(100, OBS, ACTION), transitions(0, 50))
+    buffer = add(replay.init(100, OBS, ACTION), transitions(0, 50))
     draw = lambda seed: np.asarray(replay.sample(buffer, jax.random.key(seed), 8).reward)  # noqa: E731
     np.testing.assert_array_equal(draw(0), draw(0))
     assert not np.array_equal(draw(0), draw(1))

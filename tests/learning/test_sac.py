@@ -56,6 +56,11 @@ def the_mode_is_drawn(monkeypatch):
         return jnp.tanh(mean), jnp.full(mean.shape[:-1], -2.0), mean
 
     monkeypatch.setattr(sac, "tanh_gaussian_sample", mode)
+    return _update_with_the_mode
+
+
+# Traced only where the fixture above has changed what a sample is.
+_update_with_the_mode = jax.jit(lambda *args: sac.update(*args), static_argnums=3)
 
 
 update_many = jax.jit(sac.update_many, static_argnames=("n", "config"))
@@ -91,7 +96,7 @@ COLD = SACConfig(
 
 class TestLosses:
     def test_critic(self, the_mode_is_drawn):
-        _, metrics = sac.update(tiny_state(), TINY_BATCH, jax.random.key(0), TINY)
+        _, metrics = the_mode_is_drawn(tiny_state(), TINY_BATCH, jax.random.key(0), TINY)
         # First row:  a' = 2 tanh(relu(2) / 2); min(Q1, Q2)(s', a') = 2 (2 + a') + 1 as 2 + a' > 2;
         #             y = 1 + 0.9 (min Q + 2).          Q1 = 2 * 1.5 + 1 = 4, Q2 = 3 * 1.5 - 1 = 3.5
         # Second row: terminated, y = 2.                Q1 = 2 * 1.0 + 1 = 3, Q2 = 3 * 1.0 - 1 = 2
@@ -102,14 +107,14 @@ class TestLosses:
         assert metrics["entropy"] == pytest.approx(2.0)
 
     def test_temperature_weighs_the_entropy_in_the_target(self, the_mode_is_drawn):
-        _, metrics = sac.update(tiny_state(math.log(0.5)), TINY_BATCH, jax.random.key(0), TINY)
+        _, metrics = the_mode_is_drawn(tiny_state(math.log(0.5)), TINY_BATCH, jax.random.key(0), TINY)
         y = 1 + 0.9 * (2 * (2 + 2 * math.tanh(1.0)) + 1 + 0.5 * 2)
         expected = 0.5 * (((4 - y) ** 2 + (3 - 2) ** 2) / 2 + ((3.5 - y) ** 2 + (2 - 2) ** 2) / 2)
         assert metrics["critic_loss"] == pytest.approx(expected, rel=1e-6)
 
     def test_actor_learns_from_the_new_critics(self, the_mode_is_drawn):
         state = tiny_state(math.log(0.5))
-        after, metrics = sac.update(state, TINY_BATCH, jax.random.key(0), TINY)
+        after, metrics = the_mode_is_drawn(state, TINY_BATCH, jax.random.key(0), TINY)
         action = sac.act(state.actor, TINY_BATCH.obs)
         q = sac.q_values(after.critic, TINY_BATCH.obs, action, TINY).min(axis=0)
         assert metrics["actor_loss"] == pytest.approx(float((0.5 * -2.0 - q).mean()), rel=1e-6)
@@ -117,7 +122,7 @@ class TestLosses:
     def test_first_steps_of_adam_have_the_size_of_the_learning_rates(self, the_mode_is_drawn):
         config = dataclasses.replace(TINY, actor_lr=0.01, critic_lr=0.02, alpha_lr=0.03, target_entropy=1.0)
         state = tiny_state()
-        after, _ = sac.update(state, TINY_BATCH, jax.random.key(0), config)
+        after, _ = the_mode_is_drawn(state, TINY_BATCH, jax.random.key(0), config)
         moved = jax.tree.map(lambda new, old: new - old, after, state)
         # y is above Q1 and Q2 on average, so both output biases rise.
         np.testing.assert_allclose(moved.critic["params"]["Dense_1"]["bias"], [[0.02], [0.02]], rtol=1e-3)
@@ -135,7 +140,7 @@ class TestLosses:
         # Entropy 2; the default target is minus the number of actions, -1.
         config = dataclasses.replace(TINY, target_entropy=target_entropy)
         state = tiny_state()
-        after, _ = sac.update(state, TINY_BATCH, jax.random.key(0), config)
+        after, _ = the_mode_is_drawn(state, TINY_BATCH, jax.random.key(0), config)
         assert jnp.sign(after.log_alpha - state.log_alpha) == direction
 
     def test_targets_follow_the_new_critics(self):
