@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 
-LEAST_FREE, FEWEST = 0.05, 50
+LEAST_FREE, FEWEST_ANGLES = 0.05, 50
 """Share of a joint's force that no contact could make instead, from which a sample tells about it, and how many such
 samples it takes."""
 OUTLYING = 3.0
@@ -82,7 +82,7 @@ class CoggingTorque(Effect):
         dof = ctx.dof(place)
         free = ctx.samples.share[:, dof] > LEAST_FREE
         q, v = ctx.samples.q[free, ctx.qadr(place)], ctx.samples.v[free, dof]
-        if q.size < FEWEST:
+        if q.size < FEWEST_ANGLES:
             return unknown
         # a force f leaves share * f, with errors that shrink as the root of the share
         weight = np.sqrt(ctx.samples.share[free, dof])

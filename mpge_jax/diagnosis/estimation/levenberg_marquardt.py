@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Param
@@ -64,11 +63,13 @@ def fit(
                 best_of[id(p)] = found
         promising = [p for p in active if best_of[id(p)] is not p.fit]
         if sim.costly(w) and promising:
-            # what semi-implicit steps promise is kept if it is true
+            # what cheaper steps promise is kept if it is true
             thetas = [best_of[id(p)].theta for p in promising]
             res = sim.residuals([Run(p.fit.hypothesis, t) for p, t in zip(promising, thetas, strict=True)], w)
             for p, t, r in zip(promising, thetas, res, strict=True):
-                best_of[id(p)] = min(_judged(p, t, r, w, white), p.fit, key=lambda f: f.loss)
+                found = _judged(p, t, r, w, white)
+                best_of[id(p)] = found if found.loss < p.fit.loss else p.fit
+                p.exact = r if found.loss < p.fit.loss else p.exact
         improved = []
         for p in active:
             best, old = best_of[id(p)], p.fit.loss
@@ -100,9 +101,7 @@ def _near(sim: Simulator, trials: list[tuple[Problem, Array]], w: Windows) -> It
     if not sim.costly(w):
         yield from sim.residuals(runs, w)
         return
-    with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
-        res = sim.residuals(runs, w)
-    for (p, _), r in zip(trials, res, strict=True):
+    for (p, _), r in zip(trials, sim.cheaply(runs, w), strict=True):
         yield r + p.offset
 
 
@@ -128,11 +127,14 @@ def _linearise(sim: Simulator, problems: list[Problem], w: Windows, white: White
     if not runs:
         return
     if sim.costly(w):
-        exact = sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in problems], w)
-        with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
-            res = sim.residuals(runs, w)
-        for p, (first, steps), r in zip(problems, layout, exact, strict=True):
-            p.offset = r - res[first]
+        unknown = [p for p in problems if not p.exact.size]
+        for p, r in zip(
+            unknown, sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in unknown], w), strict=True
+        ):
+            p.exact = r
+        res = sim.cheaply(runs, w)
+        for p, (first, steps) in zip(problems, layout, strict=True):
+            p.offset = p.exact - res[first]
             res[first : first + 1 + steps.size] += p.offset
     else:
         res = sim.residuals(runs, w)

@@ -21,7 +21,8 @@ class Problem:
     """One hypothesis during the fit.
 
     Attributes:
-        offset: [W, N, 2 nv] residuals less those of semi-implicit steps, where those stand for costly ones.
+        exact: [W, N, 2 nv] residuals where cheaper steps stand for the model's own; empty where not known yet.
+        offset: [W, N, 2 nv] the same less those of the cheaper steps.
         stride: length of finite differences, in usual ones.
     """
 
@@ -30,6 +31,7 @@ class Problem:
     damping: float = 1e-3
     whitened: Array = field(default_factory=nothing)
     jacobian: Array = field(default_factory=nothing)
+    exact: Array = field(default_factory=nothing)
     offset: Array = field(default_factory=nothing)
     stride: float = 1.0
     done: bool = False

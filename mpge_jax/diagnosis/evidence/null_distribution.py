@@ -36,11 +36,11 @@ EXCESS = 0.5
 """Relative chi^2 above the floor that counts as structure."""
 SHARE = 0.1
 """Share of all windows, and at least `SEVERAL`, that show as much where few of them make the mean."""
-FAR = 5.0
+BEYOND_NOISE = 5.0
 """Loss of a window that no noise explains, whatever the others show."""
 DOUBT = 3.0
 """Standard errors by which it must exceed the floor."""
-FEWEST = 8
+WINDOWS_BY_JOINT = 8
 """Windows that a floor takes to tell degrees of freedom apart."""
 
 
@@ -76,7 +76,7 @@ class Floor:
     def far(self, losses: Array, several: int = SEVERAL) -> bool:
         """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave."""
         usual = float(self.losses.max(initial=0.0))
-        return bool((losses > max(FAR, 2.0 * usual)).sum() >= several)
+        return bool((losses > max(BEYOND_NOISE, 2.0 * usual)).sum() >= several)
 
     def beyond(self, left: Left) -> bool:
         """Whether more is left than that, in all or at one degree of freedom by itself: where another one scatters
@@ -84,7 +84,7 @@ class Floor:
         if self.exceeded(left.losses[left.typical]) or self.far(left.losses):
             return True
         count, nv = self.each.shape
-        if count < FEWEST:
+        if count < WINDOWS_BY_JOINT:
             return False
         # one of many that are asked
         doubt = float(norm.isf(norm.sf(DOUBT) / nv))

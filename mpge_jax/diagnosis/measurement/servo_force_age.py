@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.estimation.whitening import whitener
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
-FEWEST = 3
+FEWEST_SERVOS = 3
 """Servos that it takes to tell their common age from what is missing at single joints."""
 EXPLAINED, AGREEMENT = 0.3, 0.75
 """Share of the missing force that an age must explain at a servo, and how near the ages of several must lie."""
@@ -30,7 +30,7 @@ def staleness(p: Prepared, servos: list[int]) -> float:
     where that explains what is missing at half of the servos or more, with nearly the same age; else it is 0, as
     something else is missing. It is the age at the windows' own timestep, with what integrating in such steps adds.
     """
-    if len(servos) < FEWEST:
+    if len(servos) < FEWEST_SERVOS:
         return 0.0
     w = p.windows(False, p.config.decide_s, WINDOWS, seed=9)
     if w.count < 4:

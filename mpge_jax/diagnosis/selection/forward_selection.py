@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.selection.competition import compete
 from mpge_jax.diagnosis.selection.criteria import SIGNIFICANT, accept, choose, named
 from mpge_jax.diagnosis.selection.search_state import Search
 
-FAR = 2.5
+LEAVES_MUCH = 2.5
 """Loss above which the second effect is looked for beside several first ones."""
 REST = 2.0
 """What a last round, the weighing of alternatives and the report take, in rounds that found an effect."""
@@ -41,7 +41,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
             if depth == 0:
                 first_round = ranked
                 alternatives = _beam(ranked, chosen)
-                if chosen.losses.mean() > FAR and len(alternatives) > 1:
+                if chosen.losses.mean() > LEAVES_MUCH and len(alternatives) > 1:
                     current, last = _second_round(s, chosen, alternatives)
             if depth + 1 == AFTER:
                 current = everywhere(s, current)

@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.selection.remainder import Remainder, remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 
-FEWEST = 8
+WORTH_ANOTHER_LOOK = 8
 """Windows that it takes at least to look once more."""
 REFINED = 60
 """Windows of the reported length, at most, from which parameters are refined in the end."""
@@ -70,7 +70,7 @@ def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, Remainder | None]:
 def _look_again(p: Prepared, s: Search, say: Callable[[str], None]) -> tuple[Fitted, dict[Term, list[Rival]]]:
     """Search longer windows, where slight effects add up, after nothing was found in those of `s`."""
     longer = build_search(p, say, p.config.report_s)
-    if longer.train.steps <= s.train.steps or min(longer.train.count, longer.held.count) < FEWEST:
+    if longer.train.steps <= s.train.steps or min(longer.train.count, longer.held.count) < WORTH_ANOTHER_LOOK:
         return NOTHING, {}
     say("looking for slight effects in longer windows")
     found = _settle(longer, *search(longer))

@@ -16,6 +16,7 @@ from mpge_jax.diagnosis.evidence.null_distribution import floor, force_noise
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.informative_windows import telling_windows
+from mpge_jax.diagnosis.simulation.larger_steps import stride
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 POOL = 3
@@ -29,6 +30,7 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
     c = p.config
     train, typical = _training_windows(p, length)
     held = p.windows(True, length, c.held_windows)
+    p.sim.stride = stride(p.sim, train)
     sides = {"mechanical", "sensor"} if p.measured.all() and p.measured.size else None
     terms = all_terms(p.ctx, c.effects, sides)
     terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]

@@ -24,7 +24,7 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
 MANY_STEPS = 50
-"""Steps of a window from which semi-implicit steps show what a change does nearly as Runge-Kutta's do."""
+"""Steps of a window from which cheaper ones show what a change does nearly as the model's own do."""
 CHUNK = 3000
 """Simulations stepped together; more do not fit the caches."""
 _DIVERGED = 1e5
@@ -48,11 +48,11 @@ class Run:
 
 @dataclass(frozen=True)
 class Near:
-    """Residuals near those of a known run. Where the model steps with Runge-Kutta, which evaluates the dynamics four
-    times, only the known run does: the others are told from it by semi-implicit steps.
+    """Residuals near those of a known run. Where cheaper steps show what a change does, only the known run is simulated
+    in the model's own: the others are told from it by those.
 
     Attributes:
-        offset: [W, N, 2 nv] by how much the two integrators differ for the known run; None where there is one.
+        offset: [W, N, 2 nv] by how much the two differ for the known run; None where there is one kind of steps.
     """
 
     sim: Simulator
@@ -63,16 +63,13 @@ class Near:
     def to(sim: Simulator, known: Run, w: Windows) -> Near:
         if not sim.costly(w):
             return Near(sim, w, None)
-        exact = sim.residuals([known], w)[0]
-        with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
-            return Near(sim, w, exact - sim.residuals([known], w)[0])
+        return Near(sim, w, sim.residuals([known], w)[0] - sim.cheaply([known], w)[0])
 
     def residuals(self, runs: list[Run]) -> Array:
         """[R, W, N, 2 nv], as `Simulator.residuals`."""
         if self.offset is None:
             return self.sim.residuals(runs, self.w)
-        with self.sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
-            return self.sim.residuals(runs, self.w) + self.offset
+        return self.sim.cheaply(runs, self.w) + self.offset
 
 
 class BatchFields(Fields):
@@ -109,20 +106,38 @@ def quiet() -> Iterator[None]:
 
 @dataclass
 class Simulator:
-    """Predicts windows. `work` counts simulated steps by cost: nv^1.5 each, four times that with Runge-Kutta."""
+    """Predicts windows.
+
+    Attributes:
+        threads: of the engine. work: simulated steps by cost: nv^1.5 each, four times that with Runge-Kutta.
+        stride: steps that are simulated as one where what a change does is asked for (`larger_steps.stride`).
+    """
 
     model: mujoco.MjModel
     ctx: Context
     threads: int = 1
     work: float = 0.0
+    stride: int = 1
+    _larger: tuple[Windows, Windows] | None = None
 
     def __post_init__(self) -> None:
         self.model = _without_autoreset(self.model)
         self.ctx = replace(self.ctx, model=self.model)
 
     def costly(self, w: Windows) -> bool:
-        """Whether steps evaluate the dynamics four times, and there are so many that semi-implicit ones come near."""
-        return bool(self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4) and w.steps >= MANY_STEPS
+        """Whether there are so many steps that cheaper ones show what a change does nearly as well."""
+        fourfold = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        return bool(fourfold or self.stride > 1) and w.steps >= MANY_STEPS
+
+    def cheaply(self, runs: list[Run], w: Windows) -> Array:
+        """As `residuals`, in larger steps, and semi-implicit ones for those that evaluate the dynamics four times:
+        differences between runs are told far better than runs."""
+        own = self.model.opt.integrator
+        fourfold = own == mujoco.mjtIntegrator.mjINT_RK4
+        if self.stride > 1 and (self._larger is None or self._larger[0] is not w):
+            self._larger = w, w.in_larger_steps(self.stride)
+        with self.integrator(mujoco.mjtIntegrator.mjINT_EULER if fourfold else own):
+            return self.residuals(runs, w if self._larger is None or self.stride == 1 else self._larger[1])
 
     def rugged(self, hypothesis: Hypothesis) -> bool:
         """Whether things strike each other, inside the drives or out, which makes losses rugged."""

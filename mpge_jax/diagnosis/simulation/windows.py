@@ -82,7 +82,13 @@ class Windows:
 
     def refined(self, factor: int) -> Windows:
         """The same windows with `factor` times as many steps."""
-        dt, steps = self.dt / factor, self.steps * factor
+        return self._stepped(self.dt / factor, self.steps * factor)
+
+    def in_larger_steps(self, factor: int) -> Windows:
+        """The same windows with steps `factor` times as long, under the mean commands of those."""
+        return self._stepped(self.dt * factor, -(-self.steps // factor))
+
+    def _stepped(self, dt: float, steps: int) -> Windows:
         grid = dt * np.arange(-int(np.ceil(HISTORY / dt)), steps + 1)
         return replace(self, dt=dt, steps=steps, command=self._commands(grid))
 

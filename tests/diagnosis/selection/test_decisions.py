@@ -11,7 +11,6 @@ import pytest
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, screen
 from mpge_jax.diagnosis.evidence.scored import Scored
 from mpge_jax.diagnosis.selection import competition, criteria
@@ -19,18 +18,15 @@ from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined
 from mpge_jax.diagnosis.selection.criteria import accept, choose, needed
 from mpge_jax.diagnosis.selection.forward_selection import search
-from mpge_jax.diagnosis.simulation.batch_simulator import Near, Run
 from mpge_jax.diagnosis.simulation.informative_windows import telling_windows
 from tests.diagnosis.machines import PENDULUM, record
 from tests.diagnosis.searches import (
     ARMATURE,
     COULOMB,
-    DAMPING,
     GAIN,
     HINGE,
     STRIBECK,
     fitted,
-    search_of,
 )
 
 
@@ -170,24 +166,3 @@ def test_a_slight_effect_is_found_in_longer_windows():
         mujoco.MjSpec.from_string(PENDULUM), recordings, dataclasses.replace(config, report_s=0.25)
     )
     assert again.verdict == "none"
-
-
-def test_runge_kutta_steps_are_told_from_cheaper_ones_and_verified():
-    def change(model: mujoco.MjModel) -> None:
-        model.dof_damping[0] += 0.03
-
-    s, _ = search_of(PENDULUM.replace("implicitfast", "RK4"), record(PENDULUM, 0.8, change=change))
-    known, other = fitted(s, {DAMPING: [0.02]}), fitted(s, {DAMPING: [0.03]})
-    runs = [Run(f.hypothesis, f.theta) for f in (known, other)]
-    near, exact = Near.to(s.sim, runs[0], s.train).residuals(runs), s.sim.residuals(runs, s.train)
-    seen = np.isfinite(exact[0])
-    np.testing.assert_allclose(near[0][seen], exact[0][seen], atol=1e-12)
-    # the difference between two runs is told far better than a run
-    with s.sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
-        alone = s.sim.residuals(runs, s.train)
-    wrong = [np.abs(x[1] - exact[1])[seen].max() for x in (near, alone)]
-    assert wrong[0] < 0.2 * wrong[1]
-    white = s.whiten_one(known, s.train)
-    found = fit(s.sim, [known], s.train, white)[0]
-    assert found.theta[0] == pytest.approx(0.03, rel=0.02)
-    assert found.loss == pytest.approx(evaluate(s.sim, [found], s.train, white)[0].loss, abs=1e-4)
