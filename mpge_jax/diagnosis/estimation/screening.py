@@ -11,7 +11,8 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, proposals
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
-from mpge_jax.diagnosis.simulation.batch_simulator import Near, Run, Simulator
+from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
+from mpge_jax.diagnosis.simulation.near import Near
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray

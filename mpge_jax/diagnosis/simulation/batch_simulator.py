@@ -46,32 +46,6 @@ class Run:
     push: tuple[int, float] | None = None
 
 
-@dataclass(frozen=True)
-class Near:
-    """Residuals near those of a known run. Where cheaper steps show what a change does, only the known run is simulated
-    in the model's own: the others are told from it by those.
-
-    Attributes:
-        offset: [W, N, 2 nv] by how much the two differ for the known run; None where there is one kind of steps.
-    """
-
-    sim: Simulator
-    w: Windows
-    offset: Array | None
-
-    @staticmethod
-    def to(sim: Simulator, known: Run, w: Windows) -> Near:
-        if not sim.costly(w):
-            return Near(sim, w, None)
-        return Near(sim, w, sim.residuals([known], w)[0] - sim.cheaply([known], w)[0])
-
-    def residuals(self, runs: list[Run]) -> Array:
-        """[R, W, N, 2 nv], as `Simulator.residuals`."""
-        if self.offset is None:
-            return self.sim.residuals(runs, self.w)
-        return self.sim.cheaply(runs, self.w) + self.offset
-
-
 class BatchFields(Fields):
     """Model fields of some simulations of a batch."""
 
@@ -111,6 +85,7 @@ class Simulator:
     Attributes:
         threads: of the engine. work: simulated steps by cost: nv^1.5 each, four times that with Runge-Kutta.
         stride: steps that are simulated as one where what a change does is asked for (`larger_steps.stride`).
+        first: what `near.Near` remembers of runs near the model as given.
     """
 
     model: mujoco.MjModel
@@ -118,6 +93,7 @@ class Simulator:
     threads: int = 1
     work: float = 0.0
     stride: int = 1
+    first: tuple[bytes, dict[bytes, tuple[Array, float]]] = (b"", {})
     _larger: tuple[Windows, Windows] | None = None
 
     def __post_init__(self) -> None:

@@ -6,9 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
-from mpge_jax.diagnosis.simulation.batch_simulator import Near, Run
+from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.larger_steps import stride
+from mpge_jax.diagnosis.simulation.near import Near
 from mpge_jax.diagnosis.simulation.windows import Windows
 from tests.diagnosis.machines import BOX, PENDULUM, record
 from tests.diagnosis.searches import DAMPING, fitted, prepared_of, search_of
@@ -86,3 +88,29 @@ def test_a_promise_that_is_not_true_is_not_kept(monkeypatch):
     found = fit(s.sim, [start], s.train, white, iterations=3)[0]
     assert found.loss == pytest.approx(evaluate(s.sim, [found], s.train, white)[0].loss, abs=1e-6)
     assert found.loss <= evaluate(s.sim, [start], s.train, white)[0].loss
+
+
+def test_what_was_simulated_near_the_model_as_given_is_not_simulated_again(monkeypatch):
+    s, _ = search_of(PENDULUM, record(PENDULUM, 0.8))
+    nothing, some = Run(Hypothesis(), np.zeros(0)), s.train.take(np.arange(5))
+    runs = [Run(Hypothesis.of(DAMPING), np.array([x])) for x in (0.01, 0.02, 0.03)]
+    before = s.sim.work
+    first = Near.to(s.sim, nothing, some).residuals(runs)
+    spent = s.sim.work - before
+    asked = []
+    stepped = s.sim.cheaply
+    monkeypatch.setattr(s.sim, "cheaply", lambda r, w: asked.append(len(r)) or stepped(r, w))
+    more = [runs[1], Run(runs[0].hypothesis, np.array([0.04])), runs[0]]
+    before = s.sim.work
+    again = Near.to(s.sim, nothing, s.train.take(np.arange(5))).residuals(more)
+    # the known run, and what is new
+    assert asked == [1, 1]
+    np.testing.assert_array_equal(again[[0, 2]], first[[1, 0]])
+    assert s.sim.work - before == pytest.approx(spent)
+    plain = Simulator(s.sim.model, s.sim.ctx, stride=s.sim.stride)
+    np.testing.assert_array_equal(Near.to(plain, nothing, some).residuals(more), again)
+    # other windows, or another known run: simulated
+    for known, w in ((nothing, s.train.take(np.arange(1, 6))), (runs[2], some)):
+        asked.clear()
+        Near.to(s.sim, known, w).residuals(runs)
+        assert asked == [1, 3]
