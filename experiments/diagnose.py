@@ -6,6 +6,7 @@ python -m experiments.diagnose --model MODEL.xml --recordings PATH [PATH ...] --
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 from mpge_jax.diagnosis import Config, InputError, diagnose
 from mpge_jax.diagnosis.recordings.column_map import load
 from mpge_jax.diagnosis.report.effect_table import vocabulary_table
+from mpge_jax.diagnosis.report.terminal import summary
 
 
 class _ListEffects(argparse.Action):
@@ -52,6 +54,7 @@ def parser() -> argparse.ArgumentParser:
         "--jobs", type=int, default=os.cpu_count() or 1, help="threads, one a core at most (default)"
     )
     out.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    out.add_argument("--json", action="store_true", help="print diagnosis.json instead of the summary")
     return out
 
 
@@ -97,8 +100,12 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; run the same command again to go on.", file=sys.stderr)
         return 130
-    print(result)
-    print(f"report: {args.out / 'report.html'} ({result.seconds:.0f} s)")
+    written = (args.out / "diagnosis.json").read_text()
+    if args.json:
+        print(written)
+    else:
+        print(summary(json.loads(written)))
+        print(f"\nreport: {args.out / 'report.html'} ({result.seconds:.0f} s)")
     return 0
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import html
+import io
 import json
 import re
 import shutil
@@ -49,8 +51,12 @@ def folder(tmp_path_factory):
 def result(folder, tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
     arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out", str(out)]
-    assert main([*arguments, "--effects", *EFFECTS, "--jobs", "1", "--quiet"]) == 0
-    return out, json.loads((out / "diagnosis.json").read_text())
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        assert main([*arguments, "--effects", *EFFECTS, "--jobs", "1", "--quiet", "--json"]) == 0
+    written = json.loads((out / "diagnosis.json").read_text())
+    assert json.loads(said.getvalue()) == written
+    return out, written
 
 
 def test_the_vocabulary_is_listed_as_it_is_documented(capsys):

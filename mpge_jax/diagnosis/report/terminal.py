@@ -1,0 +1,49 @@
+"""What the terminal says of a diagnosis: the verdict, the effects, and the errors before and after."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
+from mpge_jax.diagnosis.report.sentences import worse_without
+
+WIDTH = 100
+
+
+def summary(table: dict[str, Any]) -> str:
+    """The contents of `diagnosis.json` in lines to read."""
+    parts = [textwrap.fill(f"{table['verdict']}: {table['explanation']}", WIDTH)]
+    if table["effects"]:
+        rows = [["effect", "at", "parameter", "value", "95 % interval", "error without it"]]
+        for e in table["effects"]:
+            without = "" if e.get("error_drop") is None else worse_without(e["error_drop"])
+            for name, p in (e["parameters"] or {"": None}).items():
+                value = [quantity(p), intervals(p)] if p else ["", ""]
+                rows.append([e["id"], e["at"], name, *value, without])
+        parts.append(_aligned(rows))
+    fit = table["fit"]["held_out"]
+    if fit["per_joint"]:
+        rows = [[f"held-out error ({table['fit']['unit']})", "model as given", "corrected"]]
+        rows += [[name, f"{a:.3g}", f"{b:.3g}"] for name, (a, b) in fit["per_joint"].items()]
+        parts.append(_aligned(rows))
+        parts.append(f"(rms over {table['fit']['window_s']:g} s pieces of {', '.join(fit['recordings'])})")
+    parts += [textwrap.fill(f"warning: {w}", WIDTH) for w in table["warnings"]]
+    return "\n\n".join(map(_printable, parts))
+
+
+def _aligned(rows: list[list[str]]) -> str:
+    """Rows in columns, without repeating what stands in the first two of the row above."""
+    widths = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
+    lines, above = [], ["", ""]
+    for row in rows:
+        again = len(row) > 3 and row[:2] == above
+        shown = ["", "", *row[2:-1], ""] if again else row
+        lines.append("  ".join(x.ljust(w) for x, w in zip(shown, widths, strict=True)).rstrip())
+        above = row[:2]
+    return "\n".join(lines)
+
+
+def _printable(text: str) -> str:
+    """Names come from files: what a terminal would obey is shown as a question mark."""
+    return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
