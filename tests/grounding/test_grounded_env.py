@@ -164,20 +164,23 @@ def test_in_brax_without_wrappers_the_member_drawn_at_reset_stays(pendulum):
         np.testing.assert_array_equal(after.info["env"]["steps"], np.full(16, 5))
 
 
-def test_brax_wrappers_carry_mjx_data():
-    """Traced, not compiled: that takes most of the time."""
+@pytest.mark.parametrize("name", ["InvertedPendulum", pytest.param("Hopper", marks=pytest.mark.slow)])
+def test_brax_wrappers_carry_mjx_data(name):
+    """Traced, not compiled: that takes most of the time. The pendulum has no contacts to carry."""
     from brax.envs.wrappers import training
 
-    mjx = envs.make("InvertedPendulum", "mjx")
+    mjx = envs.make(name, "mjx")
     grounded = GroundedEnv(mjx, small.constant(mjx, 0.1))
     env = training.wrap(envs.as_brax(grounded), episode_length=4)
 
     def run(key):
         first = env.reset(jax.random.split(key, 2))
-        return jax.lax.scan(lambda s, _: (env.step(s, jnp.zeros((2, 1))), None), first, None, 5)[0]
+        return jax.lax.scan(
+            lambda s, _: (env.step(s, jnp.zeros((2, mjx.action_size))), None), first, None, 5
+        )[0]
 
     last = jax.eval_shape(run, jax.random.PRNGKey(0))
-    assert last.obs.shape == (2, 4) and last.info["env"]["member"].shape == (2,)
+    assert last.obs.shape == (2, mjx.observation_size) and last.info["env"]["member"].shape == (2,)
 
 
 @pytest.mark.slow

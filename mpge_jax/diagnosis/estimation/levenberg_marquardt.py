@@ -68,8 +68,9 @@ def fit(
             res = sim.residuals([Run(p.fit.hypothesis, t) for p, t in zip(promising, thetas, strict=True)], w)
             for p, t, r in zip(promising, thetas, res, strict=True):
                 found = _judged(p, t, r, w, white)
-                best_of[id(p)] = found if found.loss < p.fit.loss else p.fit
-                p.exact = r if found.loss < p.fit.loss else p.exact
+                best_of[id(p)] = p.fit
+                if found.loss < p.fit.loss:
+                    best_of[id(p)], p.exact = found, r
         improved = []
         for p in active:
             best, old = best_of[id(p)], p.fit.loss
@@ -128,9 +129,8 @@ def _linearise(sim: Simulator, problems: list[Problem], w: Windows, white: White
         return
     if sim.costly(w):
         unknown = [p for p in problems if not p.exact.size]
-        for p, r in zip(
-            unknown, sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in unknown], w), strict=True
-        ):
+        exact = sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in unknown], w)
+        for p, r in zip(unknown, exact, strict=True):
             p.exact = r
         res = sim.cheaply(runs, w)
         for p, (first, steps) in zip(problems, layout, strict=True):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
-from mpge_jax.diagnosis.report.sentences import worse_without
+from mpge_jax.diagnosis.report.sentences import effect_rows
 from mpge_jax.diagnosis.report.tables import diagnosis_table
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -39,12 +38,7 @@ def markdown(d: Result, title: str, command: str) -> str:
         "| effect | at | parameter | value | 95 % interval | held-out error without it |",
         "|---|---|---|---|---|---|",
     ]
-    for e in table["effects"]:
-        share = worse_without(e["error_drop"]) if e.get("error_drop") is not None else ""
-        for name, p in (e["parameters"] or {"": None}).items():
-            value = quantity(p) if p else ""
-            interval = intervals(p) if p else ""
-            lines.append(f"| {e['id']} | {e['at']} | {name} | {value} | {interval} | {share} |")
+    lines += [f"| {' | '.join(row)} |" for row in effect_rows(table)]
     held = d.held
     before, after = window_errors(held, False), window_errors(held, True)
     span = table["fit"]["window_s"]

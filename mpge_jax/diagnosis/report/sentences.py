@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import parameters
-from mpge_jax.diagnosis.estimation.quantities import clause, quantity
+from mpge_jax.diagnosis.estimation.quantities import clause, intervals, quantity
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.report.force_errors import force_errors, motion_is_given
 from mpge_jax.diagnosis.verdict.result import Result, candidates_of
@@ -94,6 +96,17 @@ def worse_without(drop: float) -> str:
     """How much larger the error is without an effect, the others kept, from the share of the squared error that goes
     with it (`error_drops`): '3.2 times'."""
     return times(1.0, float(np.sqrt(max(1.0 - drop, 0.0)))) if drop >= 0 else "smaller"
+
+
+def effect_rows(table: dict[str, Any]) -> list[list[str]]:
+    """A row for every parameter of every effect in `diagnosis.json`: effect, place, parameter, value, 95 % interval,
+    and how much larger the held-out error is without the effect."""
+    rows = []
+    for e in table["effects"]:
+        without = "" if e.get("error_drop") is None else worse_without(e["error_drop"])
+        for name, p in (e["parameters"] or {"": None}).items():
+            rows.append([e["id"], e["at"], name, *((quantity(p), intervals(p)) if p else ("", "")), without])
+    return rows
 
 
 def beside_noise(after: float, noise: float, unit: str) -> str:

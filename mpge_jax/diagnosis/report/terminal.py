@@ -5,8 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
-from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
-from mpge_jax.diagnosis.report.sentences import worse_without
+from mpge_jax.diagnosis.report.sentences import effect_rows
 
 WIDTH = 100
 
@@ -16,12 +15,7 @@ def summary(table: dict[str, Any]) -> str:
     parts = [textwrap.fill(f"{table['verdict']}: {table['explanation']}", WIDTH)]
     if table["effects"]:
         rows = [["effect", "at", "parameter", "value", "95 % interval", "error without it"]]
-        for e in table["effects"]:
-            without = "" if e.get("error_drop") is None else worse_without(e["error_drop"])
-            for name, p in (e["parameters"] or {"": None}).items():
-                value = [quantity(p), intervals(p)] if p else ["", ""]
-                rows.append([e["id"], e["at"], name, *value, without])
-        parts.append(_aligned(rows))
+        parts.append(_aligned(rows + effect_rows(table)))
     fit = table["fit"]["held_out"]
     if fit["per_joint"]:
         rows = [[f"held-out error ({table['fit']['unit']})", "model as given", "corrected"]]

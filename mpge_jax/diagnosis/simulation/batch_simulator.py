@@ -94,7 +94,7 @@ class Simulator:
     work: float = 0.0
     stride: int = 1
     first: tuple[bytes, dict[bytes, tuple[Array, float]]] = (b"", {})
-    _larger: tuple[Windows, Windows] | None = None
+    _larger: tuple[Windows, int, Windows] | None = None
 
     def __post_init__(self) -> None:
         self.model = _without_autoreset(self.model)
@@ -110,10 +110,10 @@ class Simulator:
         differences between runs are told far better than runs."""
         own = self.model.opt.integrator
         fourfold = own == mujoco.mjtIntegrator.mjINT_RK4
-        if self.stride > 1 and (self._larger is None or self._larger[0] is not w):
-            self._larger = w, w.in_larger_steps(self.stride)
+        if self._larger is None or self._larger[0] is not w or self._larger[1] != self.stride:
+            self._larger = w, self.stride, w if self.stride == 1 else w.in_larger_steps(self.stride)
         with self.integrator(mujoco.mjtIntegrator.mjINT_EULER if fourfold else own):
-            return self.residuals(runs, w if self._larger is None or self.stride == 1 else self._larger[1])
+            return self.residuals(runs, self._larger[2])
 
     def rugged(self, hypothesis: Hypothesis) -> bool:
         """Whether things strike each other, inside the drives or out, which makes losses rugged."""

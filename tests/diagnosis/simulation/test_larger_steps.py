@@ -72,6 +72,8 @@ def test_other_windows_are_stepped_anew():
     first = s.sim.cheaply(run, s.train)
     assert s.sim.cheaply(run, s.held).shape[1] == s.held.count
     np.testing.assert_array_equal(s.sim.cheaply(run, s.train), first)
+    s.sim.stride = 1
+    np.testing.assert_array_equal(s.sim.cheaply(run, s.train), s.sim.residuals(run, s.train))
 
 
 def test_a_promise_that_is_not_true_is_not_kept(monkeypatch):
