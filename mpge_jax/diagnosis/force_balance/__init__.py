@@ -1,0 +1,1 @@
+"""Recordings of motion and force without commands: what the motion needs against what was measured."""

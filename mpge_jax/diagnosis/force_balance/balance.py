@@ -1,0 +1,73 @@
+"""What the motion needs against what was measured: residuals of a hypothesis and their linearisation, filtered alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.context import Context
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.force_balance.low_pass import low_pass
+from mpge_jax.diagnosis.force_balance.needed_force import needed
+from mpge_jax.diagnosis.force_balance.tracks import Track
+
+Array = np.ndarray
+BLOCKS = 40
+"""Stretches of time into which the training recordings are cut: errors within one are alike, those of two are not."""
+STEP = 0.05
+"""Step of finite differences, in the scale of a parameter."""
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Recordings as equations of force.
+
+    Attributes:
+        tracks: rows of every recording. measured: [N, nu] forces of all of them (NaN: none), low-passed like the motion.
+        block: [N] number of each row's block. cutoff: Hz to which the measurement follows sudden forces.
+    """
+
+    ctx: Context
+    tracks: list[Track]
+    measured: Array
+    block: Array
+    cutoff: float
+
+    @staticmethod
+    def of(ctx: Context, tracks: list[Track], motion: float, cutoff: float) -> Balance:
+        """`motion`: Hz below which the motion was taken; `cutoff` as above."""
+        total = sum(t.time[-1] - t.time[0] for t in tracks)
+        block, first = [], 0
+        for t in tracks:
+            count = max(1, round(BLOCKS * (t.time[-1] - t.time[0]) / max(total, 1e-12)))
+            block.append(first + np.minimum(np.arange(t.time.size) * count // t.time.size, count - 1))
+            first += count
+        measured = [_seen(t.force, t.time, motion) for t in tracks]
+        return Balance(ctx, tracks, np.concatenate(measured), np.concatenate(block), cutoff)
+
+    def predicted(self, parts: dict[Term, Array]) -> Array:
+        """Forces [N, nu] that the motion needs, as the measurement would show them."""
+        return np.concatenate(
+            [low_pass(needed(self.ctx, parts, t), t.time, self.cutoff) for t in self.tracks]
+        )
+
+    def columns(self, parts: dict[Term, Array], term: Term, here: Array) -> Array:
+        """Change [p, N, nu] of the predicted force with each parameter of one of the `parts`.
+
+        Args:
+            here: prediction with `parts`.
+        """
+        theta, out = parts[term], []
+        for i, param in enumerate(term.params(self.ctx)):
+            moved, h = theta.copy(), STEP * param.scale
+            moved[i] += h if theta[i] + h <= param.high else -h
+            out.append((self.predicted({**parts, term: moved}) - here) / (moved[i] - theta[i]))
+        return np.array(out).reshape(-1, *here.shape)
+
+
+def _seen(force: Array, time: Array, cutoff: float) -> Array:
+    known = np.isfinite(force).all(0)
+    out = force.copy()
+    out[:, known] = low_pass(force[:, known], time, cutoff)
+    return out

@@ -1,0 +1,204 @@
+"""Which effects the forces need: groups over all joints and single ones, by how well they predict other stretches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.force_balance.bank import Bank, Entry, hypothesis_of
+from mpge_jax.diagnosis.force_balance.gram import Weighted
+
+Array = np.ndarray
+LEAST = 0.01
+"""Share of the squared error that must go with an effect at the actuator where it takes away most."""
+SURE = 3.0
+"""Logarithm of the likelihood ratio (20 to 1) from which on one of two hypotheses is the better one."""
+SHOWN = 12
+"""Candidates that are judged by stretches that they were not fitted to: those that fit best."""
+GROUPS = (
+    ("coulomb_friction",),
+    ("viscous_damping",),
+    ("armature",),
+    ("actuator_bias",),
+    ("actuator_gain",),
+    ("coulomb_friction", "viscous_damping"),
+    ("coulomb_friction", "viscous_damping", "armature"),
+    ("coulomb_friction", "viscous_damping", "actuator_bias"),
+    ("coulomb_friction", "viscous_damping", "armature", "actuator_bias"),
+    ("asymmetric_friction",),
+    ("stribeck_friction",),
+    ("load_dependent_friction",),
+    ("elastic_friction",),
+)
+"""Effects that robots lack in every joint at once."""
+Chosen = tuple[Entry, ...]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A hypothesis with what it leaves.
+
+    Attributes:
+        errors: [nu] squared errors of the forces, every part of the recordings predicted from the others.
+        alike: [nu] how many neighbouring rows have one error in common.
+    """
+
+    chosen: Chosen
+    errors: Array
+    alike: Array
+
+    @property
+    def complexity(self) -> float:
+        return sum(len(e.columns) + 0.75 * e.term.effect.tier for e in self.chosen)
+
+
+@dataclass
+class Found:
+    """The end of a search: what was chosen, and what stood against each part of it, best first."""
+
+    best: Judged
+    rivals: dict[Term, list[Judged]] = field(default_factory=dict)
+
+
+@dataclass
+class ForceSearch:
+    """Forward selection with exchanges, each followed by dropping what is not needed.
+
+    One statistic decides: the logarithm of the likelihood ratio of two hypotheses on stretches that they were not
+    fitted to, each actuator with its own variance, and with as many independent errors as its neighbouring rows leave.
+    What is added or kept must win by `SURE`, and by the logarithm of how many candidates there are besides.
+    """
+
+    bank: Bank
+    say: Callable[[str], None]
+    log: list[str]
+    most: int
+
+    def __post_init__(self) -> None:
+        normal = self.bank.normal
+        self.rows = normal.rows.sum(0)
+        self.bar = SURE + float(np.log(max(len({e.term for e in self.bank.entries}), 1)))
+        self.least = 1e-8 * normal.square.sum(0) + 1e-300
+
+    def run(self) -> Found:
+        """The chosen hypothesis, with rivals of each of its terms."""
+        best = self._judge((), self._weights(()))
+        while len(best.chosen) < self.most:
+            weighted = self._weights(best.chosen)
+            found = self._best_of(self._moves(best.chosen), best, weighted)
+            if found is None:
+                break
+            pruned = self._pruned(found)
+            if self.ratio(pruned, best) <= 0.0:
+                break
+            best = pruned
+            self.log.append(f"forces: {hypothesis_of(best.chosen)}")
+            self.say(f"the forces need {len(best.chosen)} effects")
+        return Found(best, {e.term: self._rivals(best, e) for e in best.chosen})
+
+    def ratio(self, a: Judged, b: Judged) -> float:
+        """Logarithm of the likelihood ratio of `a` to `b`."""
+        count = self.rows / np.maximum(a.alike, b.alike)
+        return float((0.5 * count * np.log((b.errors + self.least) / (a.errors + self.least))).sum())
+
+    def _wins(self, a: Judged, b: Judged) -> bool:
+        share = 1.0 - a.errors / np.maximum(b.errors, 1e-300)
+        return self.ratio(a, b) > self.bar and float(share.max(initial=0.0)) > LEAST
+
+    def _score(self, errors: Array) -> float:
+        """Mean logarithm of the actuators' squared errors."""
+        seen = self.rows > 0
+        return float(np.log(errors[seen] + self.least[seen]).mean())
+
+    def _weights(self, chosen: Chosen) -> Weighted:
+        """Actuators weighted by one over what is left of their errors."""
+        normal = self.bank.normal
+        left = normal.square.sum(0)
+        for _ in range(3):
+            variance = np.maximum(left, self.least) / np.maximum(self.rows, 1)
+            weighted = normal.weighted(np.where(self.rows > 0, 1.0 / variance, 0.0))
+            if not chosen:
+                break
+            left = weighted.left(self.bank.columns(chosen))
+        return weighted
+
+    def _judge(self, chosen: Chosen, weighted: Weighted) -> Judged:
+        columns = self.bank.columns(chosen)
+        return Judged(chosen, weighted.predicted(columns), weighted.alike(columns))
+
+    def _best_of(self, moves: Iterable[Chosen], now: Judged, weighted: Weighted) -> Judged | None:
+        """The plainest of the moves that predict as well as the best one, if that is better than `now`."""
+        ranked = sorted(
+            ((self._score(weighted.left(self.bank.columns(m))), i, m) for i, m in enumerate(moves)),
+            key=lambda r: r[:2],
+        )
+        judged = [self._judge(m, weighted) for _, _, m in ranked[:SHOWN]]
+        judged = sorted((j for j in judged if self._wins(j, now)), key=lambda j: self._score(j.errors))
+        alike = [j for j in judged if self.ratio(judged[0], j) < SURE]
+        return min(alike, key=lambda j: j.complexity, default=None)
+
+    def _moves(self, chosen: Chosen) -> list[Chosen]:
+        """Every candidate added, put in the place of what it cannot stand beside, and groups of them."""
+        entries, hypothesis = self.bank.entries, hypothesis_of(chosen)
+        moves: list[Chosen] = []
+        for e in entries:
+            if compatible(hypothesis, e.term):
+                moves.append((*chosen, e))
+            elif e not in chosen:
+                moves.append((*_beside(chosen, e), e))
+        for ids in GROUPS:
+            for variant in range(3):
+                group = [x for i in ids for x in self._everywhere(i, variant)]
+                rest = chosen
+                for e in group:
+                    rest = _beside(rest, e)
+                added = (*rest, *group)
+                if group and (variant == 0 or any(self._variants(i) > variant for i in ids)):
+                    moves.append(added)
+        return moves
+
+    def _variants(self, effect: str) -> int:
+        terms = [e.term for e in self.bank.entries if e.term.id == effect]
+        return len(terms) // max(len(set(terms)), 1)
+
+    def _everywhere(self, effect: str, variant: int) -> list[Entry]:
+        """One effect at every place, each at the start of that number or its last."""
+        by_term: dict[Term, list[Entry]] = {}
+        for e in self.bank.entries:
+            if e.term.id == effect and e.term.place.kind in ("joint", "actuator"):
+                by_term.setdefault(e.term, []).append(e)
+        return [starts[min(variant, len(starts) - 1)] for starts in by_term.values()]
+
+    def _pruned(self, best: Judged) -> Judged:
+        """Drop, one by one, what predicts no better than nothing in its place."""
+        while best.chosen:
+            weighted = self._weights(best.chosen)
+            best = self._judge(best.chosen, weighted)
+            less = [self._judge(tuple(o for o in best.chosen if o is not e), weighted) for e in best.chosen]
+            needless = [j for j in less if not self._wins(best, j)]
+            if not needless:
+                break
+            best = max(needless, key=lambda j: self.ratio(j, best))
+        return best
+
+    def _rivals(self, best: Judged, own: Entry) -> list[Judged]:
+        """What could stand in the place of one effect, best first."""
+        rest = tuple(e for e in best.chosen if e is not own)
+        weighted, hypothesis = self._weights(best.chosen), hypothesis_of(rest)
+        others = [e for e in self.bank.entries if e.term != own.term and compatible(hypothesis, e.term)]
+        scores = [(self._score(weighted.left(self.bank.columns((*rest, e)))), i) for i, e in enumerate(others)]
+        out: dict[Term, Judged] = {}
+        for _, i in sorted(scores):
+            if others[i].term not in out and len(out) < 5:
+                out[others[i].term] = self._judge((*rest, others[i]), weighted)
+        return list(out.values())
+
+
+def _beside(chosen: Chosen, e: Entry) -> Chosen:
+    """What may stand beside a candidate."""
+    one = hypothesis_of([e])
+    return tuple(o for o in chosen if o.term != e.term and compatible(one, o.term))

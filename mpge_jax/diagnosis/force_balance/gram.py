@@ -1,0 +1,156 @@
+"""Regression of forces on many candidate effects at once: normal equations by block of time and actuator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+Array = np.ndarray
+FOLDS = 5
+"""Parts of the blocks, each of which is predicted from the others."""
+ROUNDS = 20
+"""Most changes of which bounds hold."""
+RIDGE = 1e-9
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of P columns.
+
+    Attributes:
+        gram: [B, nu, P, P]. moment: [B, nu, P]. square: [B, nu] of what is to be explained. rows: [B, nu] how many.
+        total: [B, nu, P], whole: [B, nu] sums of the columns and of what is to be explained.
+        prior: [P] precision of each coefficient's weak prior. low, high: [P] bounds.
+    """
+
+    gram: Array
+    moment: Array
+    square: Array
+    rows: Array
+    total: Array
+    whole: Array
+    prior: Array
+    low: Array
+    high: Array
+
+    @staticmethod
+    def of(columns: Array, target: Array, block: Array, prior: Array, low: Array, high: Array) -> Normal:
+        """columns: [P, N, nu]. target: [N, nu] (NaN: unknown). block: [N]."""
+        seen = np.isfinite(target)
+        x, y = np.where(seen, columns, 0.0), np.where(seen, target, 0.0)
+        each = [block == b for b in range(int(block.max()) + 1)]
+        # [nu, P, n] @ [nu, n, P]
+        parts = [np.ascontiguousarray(x[:, r].transpose(2, 0, 1)) for r in each]
+        gram = np.array([a @ a.transpose(0, 2, 1) for a in parts])
+        moment = np.array([(a @ y[r].T[..., None])[..., 0] for a, r in zip(parts, each, strict=True)])
+        square = np.array([(y[r] ** 2).sum(0) for r in each])
+        rows = np.array([seen[r].sum(0) for r in each])
+        total = np.array([a.sum(2) for a in parts])
+        whole = np.array([y[r].sum(0) for r in each])
+        return Normal(gram, moment, square, rows, total, whole, prior, low, high)
+
+    @cached_property
+    def fold(self) -> Array:
+        """[B] which part each block belongs to."""
+        return np.arange(len(self.square)) % min(FOLDS, len(self.square))
+
+    @cached_property
+    def by_fold(self) -> tuple[Array, Array, Array]:
+        """gram [K, nu, P, P], moment and square of the parts."""
+        each = [self.fold == k for k in range(int(self.fold.max()) + 1)]
+        return tuple(np.array([x[r].sum(0) for r in each]) for x in (self.gram, self.moment, self.square))  # type: ignore[return-value]
+
+    def weighted(self, weight: Array) -> Weighted:
+        """The same with actuators weighted by `weight` [nu]: one over the variance of their rows."""
+        gram, moment, _ = self.by_fold
+        grams = np.einsum("u,kupq->kpq", weight, gram, optimize=True)
+        moments = np.einsum("u,kup->kp", weight, moment, optimize=True)
+        return Weighted(self, grams, moments)
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """Normal equations whose actuators are weighted. grams: [K, P, P]. moments: [K, P]."""
+
+    normal: Normal
+    grams: Array
+    moments: Array
+
+    @cached_property
+    def without(self) -> tuple[Array, Array]:
+        """grams and moments of all parts but one."""
+        return self.grams.sum(0) - self.grams, self.moments.sum(0) - self.moments
+
+    def solve(self, chosen: Sequence[int]) -> Array:
+        """Coefficients of the chosen columns on all parts, within their bounds."""
+        return self._solve(np.array(chosen, dtype=int), *self.all)
+
+    def alike(self, chosen: Sequence[int]) -> Array:
+        """How many neighbouring rows have one error in common [nu], in the fit to all parts: the mean square of the
+        blocks' sums over that of as many independent errors."""
+        index, n = np.array(chosen, dtype=int), self.normal
+        x = self.solve(chosen)
+        sums = n.whole - n.total[..., index] @ x
+        common = (sums**2).sum(0) / np.maximum(_errors(x, index, *self.whole), 1e-300)
+        longest = n.rows.sum(0) / len(n.rows)
+        return np.clip(common, 1.0, np.maximum(longest, 1.0))
+
+    def left(self, chosen: Sequence[int]) -> Array:
+        """Squared errors [nu] of the fit to all parts."""
+        index = np.array(chosen, dtype=int)
+        gram, moment, square = self.whole
+        return _errors(self.solve(chosen), index, gram, moment, square)
+
+    @cached_property
+    def whole(self) -> tuple[Array, Array, Array]:
+        """gram [nu, P, P], moment and square of all parts."""
+        return tuple(part.sum(0) for part in self.normal.by_fold)  # type: ignore[return-value]
+
+    @cached_property
+    def all(self) -> tuple[Array, Array]:
+        """Weighted gram [P, P] and moment of all parts."""
+        return self.grams.sum(0), self.moments.sum(0)
+
+    def _solve(self, index: Array, gram: Array, moment: Array) -> Array:
+        n = self.normal
+        reduced = gram[np.ix_(index, index)] + np.diag(n.prior[index])
+        return bounded(reduced, moment[index], n.low[index], n.high[index])
+
+    def predicted(self, chosen: Sequence[int]) -> Array:
+        """Squared errors [nu] of all parts, each with coefficients from the others."""
+        index, n = np.array(chosen, dtype=int), self.normal
+        grams, moments = self.without
+        parts = zip(grams, moments, *n.by_fold, strict=True)
+        return np.sum([_errors(self._solve(index, g, m), index, *of) for g, m, *of in parts], axis=0)
+
+
+def _errors(x: Array, index: Array, gram: Array, moment: Array, square: Array) -> Array:
+    """|y - A x|^2 [...] from normal equations [..., P, P]."""
+    if not index.size:
+        return square
+    picked = gram[..., index[:, None], index]
+    return np.maximum(square - 2 * moment[..., index] @ x + (picked @ x) @ x, 0.0)
+
+
+def bounded(gram: Array, moment: Array, low: Array, high: Array) -> Array:
+    """argmin of x'Gx / 2 - m'x within bounds, by fixing what leaves them and freeing what is pulled back."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    gram, moment = gram * scale[:, None] * scale + RIDGE * np.eye(len(gram)), moment * scale
+    low, high = low / scale, high / scale
+    x, fixed = np.zeros(len(gram)), np.zeros(len(gram), bool)
+    for _ in range(ROUNDS):
+        free = ~fixed
+        if free.any():
+            rest = moment[free] - gram[np.ix_(free, fixed)] @ x[fixed]
+            x[free] = np.linalg.solve(gram[np.ix_(free, free)], rest)
+        outside = free & ((x < low) | (x > high))
+        x = np.clip(x, low, high)
+        pull = moment - gram @ x
+        released = fixed & (((x <= low) & (pull > 1e-12)) | ((x >= high) & (pull < -1e-12)))
+        if not outside.any() and not released.any():
+            break
+        fixed = (fixed | outside) & ~released
+    return x * scale

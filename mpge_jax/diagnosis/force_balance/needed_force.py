@@ -1,0 +1,125 @@
+"""Actuator forces that a recorded motion needs in a machine with given effects."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.special import erf
+
+from mpge_jax.diagnosis.effects.context import Context
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.step import Step
+from mpge_jax.diagnosis.force_balance.tracks import Track
+from mpge_jax.diagnosis.machine.model import moments
+from mpge_jax.diagnosis.simulation.single_step import Machine
+
+Array = np.ndarray
+ROUNDS = 3
+"""Fixed-point rounds for friction that depends on the force itself."""
+
+
+def needed(ctx: Context, parts: dict[Term, Array], track: Track) -> Array:
+    """Actuator forces [T, nu], before the gear, that the motion needs.
+
+    Dry friction acts against the motion as surely as its direction is known: its share is the expectation of sgn v
+    under the smoother's uncertainty, which is 0 at rest, where friction holds with any force up to its level.
+
+    Args:
+        parts: effects with their parameters.
+    """
+    machine = Machine.build(ctx, tuple(parts), tuple(parts.values()))
+    for column, (offset, delay) in machine.senses().items():
+        dof = next(d for d, j in enumerate(ctx.model.dof_jntid) if ctx.model.jnt_qposadr[j] == column)
+        track = track.sensed(column, int(dof), offset, delay)
+    model = machine.model
+    bodies = sorted({t.place.index for t, _ in machine.runtime if t.place.kind == "body"})
+    rigid = _Rigid(model, track, bodies)
+    sign = erf(track.v / (np.sqrt(2.0) * np.maximum(track.unsure, 1e-9)))
+    force = rigid.by_actuator(rigid.needed + model.dof_frictionloss * sign)
+    if not machine.runtime:
+        return force
+    by_force = any(_reads_force(t) for t, _ in machine.runtime)
+    for _ in range(ROUNDS if by_force else 1):
+        pushed, dry = _runtime(machine, track, rigid, force)
+        force = rigid.by_actuator(rigid.needed + dry * sign - pushed)
+    return force
+
+
+def _reads_force(term: Term) -> bool:
+    return term.effect.id.startswith("load_dependent_friction")
+
+
+class _Rigid:
+    """Inverse dynamics of one model without dry friction along a track.
+
+    Attributes:
+        needed: [T, nv]. bias: [T, nv] `qfrc_bias`. velocity: body -> [T, 3]. jacobian: body -> [T, 3, nv], of centres
+        of mass.
+    """
+
+    def __init__(self, model: mujoco.MjModel, track: Track, bodies: list[int]) -> None:
+        self.model, rows = model, len(track.time)
+        loss = model.dof_frictionloss.copy()
+        model.dof_frictionloss[:] = 0.0
+        data = mujoco.MjData(model)
+        self.needed, self.bias = np.empty((rows, model.nv)), np.empty((rows, model.nv))
+        self.velocity = {b: np.empty((rows, 3)) for b in bodies}
+        self.jacobian = {b: np.empty((rows, 3, model.nv)) for b in bodies}
+        direct = np.all(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
+        self.moment = np.empty((1 if direct else rows, model.nu, model.nv))
+        qpos, qvel, qacc, inverse = data.qpos, data.qvel, data.qacc, mujoco.mj_inverse
+        for t, (q, v, a) in enumerate(zip(track.q, track.v, track.a, strict=True)):
+            qpos[:], qvel[:], qacc[:] = q, v, a
+            inverse(model, data)
+            self.needed[t], self.bias[t] = data.qfrc_inverse, data.qfrc_bias
+            for b in bodies:
+                six, jacobian = np.zeros(6), np.zeros((3, model.nv))
+                mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, b, six, 0)
+                mujoco.mj_jacBodyCom(model, data, jacobian, None, b)
+                self.velocity[b][t], self.jacobian[b][t] = six[3:], jacobian
+            if t < len(self.moment):
+                mujoco.mj_transmission(model, data)
+                self.moment[t] = moments(model, data)
+        model.dof_frictionloss[:] = loss
+
+    def by_actuator(self, needed: Array) -> Array:
+        """Measured forces [T, nu] whose moments make up generalised forces [T, nv], as nearly as the actuators can:
+        what an actuator of the model gives is its gain times what was measured, and its bias."""
+        driven = np.abs(self.moment).max(axis=(0, 1), initial=0.0) > 0
+        inverse = np.linalg.pinv(np.swapaxes(self.moment[:, :, driven], 1, 2))
+        force = (inverse @ needed[:, driven, None])[..., 0]
+        gain, bias = self.model.actuator_gainprm[:, 0], self.model.actuator_biasprm[:, 0]
+        affine = self.model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+        return (force - np.where(affine, bias, 0.0)) / np.where(gain == 0.0, np.inf, gain)
+
+
+def _runtime(machine: Machine, track: Track, rigid: _Rigid, force: Array) -> tuple[Array, Array]:
+    """Generalised forces [T, nv] of the effects that act at every step, and levels [T, nv] of dry friction."""
+    model = machine.model
+    wide, none = np.full(model.nu, 1e12), np.zeros_like(force)
+    steps = np.diff(track.time, append=2 * track.time[-1] - track.time[-2])
+    s = Step(
+        track.q, track.v, force, force, force, -wide, wide, none, none,
+        rigid.velocity.__getitem__, float(np.median(steps)), lambda dof: -rigid.bias[:, dof],
+    )  # fmt: skip
+    pushed = np.zeros_like(track.v)
+    dry = np.tile(model.dof_frictionloss, (len(track.time), 1))
+    for term, theta in machine.runtime:
+        out = _along(machine, term, theta, s)
+        dof = machine.ctx.dof(term.place) if term.place.kind == "joint" else 0
+        if out.joint is not None:
+            pushed[:, dof] += out.joint
+        if out.dry is not None:
+            dry[:, dof] += out.dry
+        if out.body is not None:
+            moved = np.broadcast_to(out.body, (len(track.time), 3))
+            pushed += np.einsum("tc,tcv->tv", moved, rigid.jacobian[term.place.index])
+    return pushed, dry
+
+
+def _along(machine: Machine, term: Term, theta: Array, s: Step) -> Any:
+    """Forces of one effect at all rows at once."""
+    memory = term.effect.memory(np, machine.ctx, term.place, theta, s)
+    return term.effect.force(np, machine.ctx, term.place, theta, s, memory)[0]

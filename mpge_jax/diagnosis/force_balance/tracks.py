@@ -1,0 +1,93 @@
+"""Recorded motion with the forces measured along it, row by row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.force_balance.low_pass import low_pass
+from mpge_jax.diagnosis.machine.model import is_scalar
+from mpge_jax.diagnosis.simulation.drive_signal import Source
+
+Array = np.ndarray
+EDGE = 5
+"""Rows at either end of a recording, where its acceleration is known badly."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Rows of one recording.
+
+    Attributes:
+        time: [T] s. q: [T, nq]. v, a: [T, nv]. unsure: [T, nv] deviation of v. force: [T, nu] measured, before the gear
+        (NaN: not measured).
+    """
+
+    name: str
+    time: Array
+    q: Array
+    v: Array
+    a: Array
+    unsure: Array
+    force: Array
+
+    def sensed(self, column: int, dof: int, offset: float, delay: float) -> Track:
+        """The same if what was recorded of a joint was off by `offset`, and `delay` s late."""
+        q, v, a = self.q.copy(), self.v.copy(), self.a.copy()
+        later = self.time + delay
+        q[:, column] = np.interp(later, self.time, self.q[:, column]) - offset
+        v[:, dof], a[:, dof] = (np.interp(later, self.time, x[:, dof]) for x in (self.v, self.a))
+        return replace(self, q=q, v=v, a=a)
+
+
+def motion_is_given(p: Prepared) -> bool:
+    """Whether the recordings hold forces and no commands, and the force can be computed from the motion: every joint's
+    acceleration is known (angular ones of ball and free joints are not estimated)."""
+    recordings = [s.recording for s in p.train_sources + p.held_sources]
+    if not p.measured.any() or any(r.ctrl is not None for r in recordings):
+        return False
+    if any(r.time.size <= 2 * EDGE or np.isnan(r.qpos).any() for r in recordings):
+        return False
+    return all(is_scalar(p.model, j) for j in range(p.model.njnt))
+
+
+def tracks(p: Prepared, sources: tuple[Source, ...], most: int, cutoff: float = np.inf) -> list[Track]:
+    """All recordings, at every row or at evenly spread ones so that there are at most `most`.
+
+    Args:
+        cutoff: Hz below which velocities are taken from the recordings; infinite: those of the smoother.
+    """
+    total = sum(s.recording.time.size - 2 * EDGE for s in sources)
+    stride = max(1, int(np.ceil(total / most)))
+    return [_track(p, s, stride, cutoff) for s in sources]
+
+
+def _track(p: Prepared, s: Source, stride: int, cutoff: float) -> Track:
+    rows = slice(EDGE, s.recording.time.size - EDGE, stride)
+    x, r = s.states, s.recording
+    v, a, unsure = x.qvel, x.qacc, np.sqrt(np.maximum(x.cov[..., 1, 1], 0.0))
+    if np.isfinite(cutoff):
+        v = low_pass(_raw_velocity(p, s), r.time, cutoff)
+        a = np.gradient(v, r.time, axis=0)
+    force = np.where(p.measured, _between(s), np.nan)
+    return Track(r.name, r.time[rows], x.qpos[rows], v[rows], a[rows], unsure[rows], force[rows])
+
+
+def _raw_velocity(p: Prepared, s: Source) -> Array:
+    """Velocities [T, nv] as recorded, or differences of positions where none were, or none that can be used."""
+    r, dofs = s.recording, p.model.jnt_dofadr
+    out = np.empty_like(s.states.qvel)
+    out[:, dofs] = np.gradient(r.qpos[:, p.model.jnt_qposadr], r.time, axis=0)
+    if r.qvel is not None:
+        good = np.isfinite(p.noise.qvel) & np.isfinite(r.qvel).all(0)
+        out[:, good] = r.qvel[:, good]
+    return out
+
+
+def _between(s: Source) -> Array:
+    """Mean force [T, nu] from the row before each row to the row after it, the span of its acceleration."""
+    t = s.recording.time
+    mean = (s.integral[2:] - s.integral[:-2]) / (t[2:] - t[:-2])[:, None]
+    return np.concatenate([mean[:1], mean, mean[-1:]])
