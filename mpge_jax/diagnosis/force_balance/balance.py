@@ -15,6 +15,10 @@ from mpge_jax.diagnosis.force_balance.tracks import Track
 Array = np.ndarray
 BLOCKS = 40
 """Stretches of time into which the training recordings are cut: errors within one are alike, those of two are not."""
+FOLDS = 5
+"""Parts of the recordings, each of which is predicted from the others."""
+RECORDINGS = 3
+"""Recordings from which on whole ones are predicted from the others."""
 STEP = 0.05
 """Step of finite differences, in the scale of a parameter."""
 
@@ -25,26 +29,30 @@ class Balance:
 
     Attributes:
         tracks: rows of every recording. measured: [N, nu] forces of all of them (NaN: none), low-passed like the motion.
-        block: [N] number of each row's block. cutoff: Hz to which the measurement follows sudden forces.
+        block: [N] number of each row's block. fold: [B] part to which each block belongs: a recording, or spread blocks
+        where there are few recordings. cutoff: Hz to which the measurement follows sudden forces.
     """
 
     ctx: Context
     tracks: list[Track]
     measured: Array
     block: Array
+    fold: Array
     cutoff: float
 
     @staticmethod
     def of(ctx: Context, tracks: list[Track], motion: float, cutoff: float) -> Balance:
         """`motion`: Hz below which the motion was taken; `cutoff` as above."""
         total = sum(t.time[-1] - t.time[0] for t in tracks)
-        block, first = [], 0
-        for t in tracks:
+        block, of, first = [], [], 0
+        for k, t in enumerate(tracks):
             count = max(1, round(BLOCKS * (t.time[-1] - t.time[0]) / max(total, 1e-12)))
             block.append(first + np.minimum(np.arange(t.time.size) * count // t.time.size, count - 1))
             first += count
+            of += [k] * count
         measured = [_seen(t.force, t.time, motion) for t in tracks]
-        return Balance(ctx, tracks, np.concatenate(measured), np.concatenate(block), cutoff)
+        fold = np.array(of) if len(tracks) >= RECORDINGS else np.arange(first)
+        return Balance(ctx, tracks, np.concatenate(measured), np.concatenate(block), fold % FOLDS, cutoff)
 
     def predicted(self, parts: dict[Term, Array]) -> Array:
         """Forces [N, nu] that the motion needs, as the measurement would show them."""

@@ -55,7 +55,7 @@ class Bank:
                 high += [q.high - o for q, o in zip(params, origin, strict=True)]
         made = np.array(columns).reshape(-1, *nominal.shape)
         bounds = (np.array(x, dtype=float) for x in (prior, low, high))
-        return Bank(Normal.of(made, b.measured - nominal, b.block, *bounds), entries)
+        return Bank(Normal.of(made, b.measured - nominal, b.block, b.fold, *bounds), entries)
 
     def columns(self, entries: Iterable[Entry]) -> list[int]:
         return [c for e in entries for c in e.columns]

@@ -9,8 +9,6 @@ from functools import cached_property
 import numpy as np
 
 Array = np.ndarray
-FOLDS = 5
-"""Parts of the blocks, each of which is predicted from the others."""
 ROUNDS = 20
 """Most changes of which bounds hold."""
 RIDGE = 1e-9
@@ -24,6 +22,7 @@ class Normal:
         gram: [B, nu, P, P]. moment: [B, nu, P]. square: [B, nu] of what is to be explained. rows: [B, nu] how many.
         total: [B, nu, P], whole: [B, nu] sums of the columns and of what is to be explained.
         prior: [P] precision of each coefficient's weak prior. low, high: [P] bounds.
+        fold: [B] part to which each block belongs.
     """
 
     gram: Array
@@ -35,10 +34,13 @@ class Normal:
     prior: Array
     low: Array
     high: Array
+    fold: Array
 
     @staticmethod
-    def of(columns: Array, target: Array, block: Array, prior: Array, low: Array, high: Array) -> Normal:
-        """columns: [P, N, nu]. target: [N, nu] (NaN: unknown). block: [N]."""
+    def of(
+        columns: Array, target: Array, block: Array, fold: Array, prior: Array, low: Array, high: Array
+    ) -> Normal:
+        """columns: [P, N, nu]. target: [N, nu] (NaN: unknown). block: [N]. fold: [B]."""
         seen = np.isfinite(target)
         x, y = np.where(seen, columns, 0.0), np.where(seen, target, 0.0)
         each = [block == b for b in range(int(block.max()) + 1)]
@@ -50,17 +52,12 @@ class Normal:
         rows = np.array([seen[r].sum(0) for r in each])
         total = np.array([a.sum(2) for a in parts])
         whole = np.array([y[r].sum(0) for r in each])
-        return Normal(gram, moment, square, rows, total, whole, prior, low, high)
-
-    @cached_property
-    def fold(self) -> Array:
-        """[B] which part each block belongs to."""
-        return np.arange(len(self.square)) % min(FOLDS, len(self.square))
+        return Normal(gram, moment, square, rows, total, whole, prior, low, high, fold)
 
     @cached_property
     def by_fold(self) -> tuple[Array, Array, Array]:
         """gram [K, nu, P, P], moment and square of the parts."""
-        each = [self.fold == k for k in range(int(self.fold.max()) + 1)]
+        each = [self.fold == k for k in np.unique(self.fold)]
         return tuple(np.array([x[r].sum(0) for r in each]) for x in (self.gram, self.moment, self.square))  # type: ignore[return-value]
 
     def weighted(self, weight: Array) -> Weighted:

@@ -1,0 +1,71 @@
+"""Parameters as the forces give them: Gauss-Newton steps on the machine itself, with what the errors leave uncertain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted, bounds, prior_loss, prior_widths
+from mpge_jax.diagnosis.force_balance.balance import Balance
+from mpge_jax.diagnosis.force_balance.gram import Normal
+
+Array = np.ndarray
+STEPS = 6
+"""Steps, at most."""
+ENOUGH = 1e-4
+"""Share of the loss below which a step is the last."""
+SHORTER = (1.0, 0.3, 0.1, 0.02)
+
+
+def polished(b: Balance, parts: dict[Term, Array]) -> Fitted:
+    """The best parameters near `parts`; their covariance allows for errors that neighbouring rows share."""
+    h = Hypothesis.of(*parts)
+    params, widths = h.params(b.ctx), prior_widths(h.params(b.ctx))
+    low, high = bounds(params)
+    theta = np.clip(h.gather(b.ctx, parts), low, high)
+    centre = theta.copy()
+    if not theta.size:
+        return Fitted(h, theta, centre)
+
+    def predicted(x: Array) -> Array:
+        return b.predicted(h.split(b.ctx, x))
+
+    here = predicted(theta)
+    variance = _variance(b.measured - here)
+    for last in range(STEPS):
+        split = h.split(b.ctx, theta)
+        columns = np.concatenate([b.columns(split, t, here) for t in h.terms])
+        prior = widths**-2.0
+        normal = Normal.of(columns, b.measured - here, b.block, b.fold, prior, low - theta, high - theta)
+        weight = np.where(normal.rows.sum(0) > 0, 1.0 / variance, 0.0)
+        weighted = normal.weighted(weight)
+        step = weighted.solve(range(len(theta)))
+        before = _loss(b.measured - here, variance) + prior_loss(params, theta, centre, 1)
+        for share in SHORTER:
+            trial = np.clip(theta + share * step, low, high)
+            there = predicted(trial)
+            after = _loss(b.measured - there, variance) + prior_loss(params, trial, centre, 1)
+            if after < before:
+                break
+        else:
+            break
+        theta, here, variance = trial, there, _variance(b.measured - there)
+        if after > (1.0 - ENOUGH) * before and last:
+            break
+    alike = weighted.alike(range(len(theta)))
+    information = np.einsum("u,upq->pq", weight, normal.gram.sum(0), optimize=True)
+    spread = np.einsum("u,upq->pq", weight * alike, normal.gram.sum(0), optimize=True)
+    inverse = np.linalg.pinv(information + np.diag(prior), hermitian=True)
+    return Fitted(h, theta, centre, after, information, inverse @ (spread + np.diag(prior)) @ inverse)
+
+
+def _variance(left: Array) -> Array:
+    """Of each actuator's errors [nu]."""
+    seen = np.isfinite(left)
+    count = np.maximum(seen.sum(0), 1)
+    mean = np.where(seen, left**2, 0.0).sum(0) / count
+    return np.maximum(mean, 1e-12 * max(float(mean.max(initial=0.0)), 1e-300))
+
+
+def _loss(left: Array, variance: Array) -> float:
+    return float(np.nansum(left**2 / variance))
