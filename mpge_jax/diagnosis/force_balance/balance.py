@@ -1,4 +1,4 @@
-"""What the motion needs against what was measured: residuals of a hypothesis and their linearisation, filtered alike."""
+"""What the motion needs against what was measured, filtered alike: predictions and how they change."""
 
 from __future__ import annotations
 
@@ -28,9 +28,11 @@ class Balance:
     """Recordings as equations of force.
 
     Attributes:
-        tracks: rows of every recording. measured: [N, nu] forces of all of them (NaN: none), low-passed like the motion.
-        block: [N] number of each row's block. fold: [B] part to which each block belongs: a recording, or spread blocks
-        where there are few recordings. cutoff: Hz to which the measurement follows sudden forces.
+        tracks: rows of every recording.
+        measured: [N, nu] forces of all of them (NaN: none), low-passed like the motion.
+        block: [N] number of each row's block.
+        fold: [B] part to which each block belongs: a recording, or spread blocks where there are few recordings.
+        cutoff: Hz to which the measurement follows sudden forces.
     """
 
     ctx: Context

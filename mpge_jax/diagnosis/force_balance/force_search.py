@@ -190,7 +190,9 @@ class ForceSearch:
         rest = tuple(e for e in best.chosen if e is not own)
         weighted, hypothesis = self._weights(best.chosen), hypothesis_of(rest)
         others = [e for e in self.bank.entries if e.term != own.term and compatible(hypothesis, e.term)]
-        scores = [(self._score(weighted.left(self.bank.columns((*rest, e)))), i) for i, e in enumerate(others)]
+        scores = [
+            (self._score(weighted.left(self.bank.columns((*rest, e)))), i) for i, e in enumerate(others)
+        ]
         out: dict[Term, Judged] = {}
         for _, i in sorted(scores):
             if others[i].term not in out and len(out) < 5:

@@ -1,4 +1,4 @@
-"""Parameters as the forces give them: Gauss-Newton steps on the machine itself, with what the errors leave uncertain."""
+"""Parameters as the forces give them: Gauss-Newton steps on the machine itself, and how sure they are."""
 
 from __future__ import annotations
 

@@ -1,0 +1,103 @@
+"""Forces that a given motion needs, and which effects they name, on a two-joint arm whose forces are known exactly."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.effects.base import REGISTRY, find_place
+from mpge_jax.diagnosis.effects.context import nominal_context
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.force_balance.balance import Balance
+from mpge_jax.diagnosis.force_balance.bank import Bank
+from mpge_jax.diagnosis.force_balance.force_search import ForceSearch
+from mpge_jax.diagnosis.force_balance.gram import bounded
+from mpge_jax.diagnosis.force_balance.low_pass import low_pass
+from mpge_jax.diagnosis.force_balance.needed_force import needed
+from mpge_jax.diagnosis.force_balance.polish import polished
+from mpge_jax.diagnosis.force_balance.tracks import Track
+from mpge_jax.diagnosis.machine.model import compile_variable
+from tests.diagnosis.machines import ARM
+
+IDS = ("coulomb_friction", "viscous_damping", "armature", "actuator_bias", "quadratic_drag")
+
+
+@pytest.fixture(scope="module")
+def ctx():
+    return nominal_context(compile_variable(mujoco.MjSpec.from_string(ARM)))
+
+
+def _term(ctx, effect, index):
+    place = REGISTRY[effect].places(ctx)[index]
+    assert find_place(ctx, REGISTRY[effect], place.name) == place
+    return Term(effect, place)
+
+
+def _tracks(ctx, parts, noise=0.0, seed=0):
+    """Sines of several frequencies, and the forces that they need in the machine with `parts`."""
+    rng, out, t = np.random.default_rng(seed), [], np.arange(0.0, 4.0, 0.01)
+    for k in range(3):
+        w, size = rng.uniform(1.0, 7.0, (3, ctx.model.nv)), rng.uniform(0.1, 0.4, (3, ctx.model.nv))
+        angle = t[:, None, None] * w + rng.uniform(0, 6, w.shape)
+        q, v, a = ((size * x).sum(1) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
+        silent = Track(f"run_{k}", t, q, v, a, np.full_like(v, 1e-3), np.zeros((t.size, ctx.model.nu)))
+        force = needed(ctx, parts, silent)
+        force = force + noise * rng.standard_normal(force.shape)
+        out.append(Track(silent.name, t, q, v, a, silent.unsure, force))
+    return out
+
+
+def test_dry_friction_acts_as_surely_as_the_direction_is_known(ctx):
+    term = _term(ctx, "coulomb_friction", 0)
+    zeros = np.zeros((3, ctx.model.nv))
+    v = zeros.copy()
+    v[:, 0] = [0.0, 1e-3, 1.0]
+    track = Track("r", np.arange(3.0), zeros, v, zeros, np.full_like(v, 1e-3), zeros[:, : ctx.model.nu])
+    dry = needed(ctx, {term: np.array([0.4])}, track) - needed(ctx, {}, track)
+    gear = ctx.model.actuator_gear[0, 0]
+    # erf(1 / sqrt 2) = 0.6827: the share of a normal distribution within one deviation
+    np.testing.assert_allclose(gear * dry[:, 0], [0.0, 0.4 * 0.6827, 0.4], rtol=1e-4, atol=1e-12)
+
+
+def test_what_was_planted_in_one_joint_or_in_all_is_named_with_its_size(ctx):
+    planted = {
+        _term(ctx, "coulomb_friction", 0): np.array([0.3]),
+        _term(ctx, "viscous_damping", 0): np.array([0.2]),
+        _term(ctx, "viscous_damping", 1): np.array([0.1]),
+        _term(ctx, "armature", 1): np.array([0.05]),
+    }
+    tracks = _tracks(ctx, planted, noise=0.02)
+    b = Balance.of(ctx, tracks, np.inf, np.inf)
+    terms = [Term(i, place) for i in IDS for place in REGISTRY[i].places(ctx)]
+    bank = Bank.of(b, terms)
+    search = ForceSearch(bank, lambda _: None, [], 10)
+    found = search.run()
+    assert {e.term for e in found.best.chosen} == set(planted)
+    start = {t: 0.5 * x for t, x in planted.items()}
+    f = polished(b, start)
+    for t, part in zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True):
+        deviation = np.sqrt(np.diag(f.cov))[part]
+        assert np.all(np.abs(f.theta[part] - planted[t]) < 4 * deviation + 1e-6)
+        np.testing.assert_allclose(f.theta[part], planted[t], rtol=0.1)
+
+
+def test_nothing_is_named_where_there_is_noise_alone(ctx):
+    b = Balance.of(ctx, _tracks(ctx, {}, noise=0.05), np.inf, np.inf)
+    terms = [Term(i, place) for i in IDS for place in REGISTRY[i].places(ctx)]
+    assert ForceSearch(Bank.of(b, terms), lambda _: None, [], 10).run().best.chosen == ()
+
+
+def test_low_pass_keeps_what_is_slow_and_takes_what_is_fast():
+    t = np.arange(0.0, 4.0, 0.01)
+    slow, fast = np.sin(2 * np.pi * 0.5 * t), np.sin(2 * np.pi * 20.0 * t)
+    out = low_pass((slow + fast)[:, None], t, 4.0)[:, 0]
+    np.testing.assert_allclose(out[50:-50], slow[50:-50], atol=0.01)
+    assert low_pass(fast, t, np.inf) is fast
+
+
+def test_bounded_regression_fixes_what_leaves_its_bounds():
+    gram = np.array([[2.0, 1.0], [1.0, 2.0]])
+    # unbounded (1, -0.5); with x1 >= 0 the first follows its own equation
+    moment = gram @ np.array([1.0, -0.5])
+    free, held = np.full(2, -np.inf), np.array([-np.inf, 0.0])
+    np.testing.assert_allclose(bounded(gram, moment, free, np.full(2, np.inf)), [1.0, -0.5], rtol=1e-6)
+    np.testing.assert_allclose(bounded(gram, moment, held, np.full(2, np.inf)), [0.75, 0.0], atol=1e-6)
