@@ -41,7 +41,10 @@ class Bank:
         """Every term at every start."""
         nominal = b.predicted({})
         entries: list[Entry] = []
-        columns, prior, low, high = [], [], [], []
+        columns: list[Array] = []
+        prior: list[float] = []
+        low: list[float] = []
+        high: list[float] = []
         for term in terms:
             params = list(term.params(b.ctx))
             for start in term.effect.starts(b.ctx, term.place):

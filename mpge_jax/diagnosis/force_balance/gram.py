@@ -104,7 +104,7 @@ class Weighted:
     @cached_property
     def whole(self) -> tuple[Array, Array, Array]:
         """gram [nu, P, P], moment and square of all parts."""
-        return tuple(part.sum(0) for part in self.normal.by_fold)  # type: ignore[return-value]
+        return tuple(part.sum(0) for part in self.normal.by_fold)
 
     @cached_property
     def all(self) -> tuple[Array, Array]:
