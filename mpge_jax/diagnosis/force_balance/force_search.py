@@ -32,7 +32,6 @@ GROUPS = (
     ("asymmetric_friction",),
     ("stribeck_friction",),
     ("load_dependent_friction",),
-    ("elastic_friction",),
 )
 """Effects that robots lack in every joint at once."""
 Chosen = tuple[Entry, ...]
