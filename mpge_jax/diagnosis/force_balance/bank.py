@@ -9,7 +9,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.estimation.estimate import prior_widths
+from mpge_jax.diagnosis.estimation.estimate import bounds, prior_widths
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.gram import Normal
 
@@ -42,9 +42,7 @@ class Bank:
         nominal = b.predicted({})
         entries: list[Entry] = []
         columns: list[Array] = []
-        prior: list[float] = []
-        low: list[float] = []
-        high: list[float] = []
+        prior, limits = [np.zeros(0)], [np.zeros((2, 0))]
         for term in terms:
             params = list(term.params(b.ctx))
             for start in term.effect.starts(b.ctx, term.place):
@@ -53,12 +51,12 @@ class Bank:
                 origin = _origin(b.ctx, term, start, x, change)
                 entries.append(Entry(term, origin, range(len(columns), len(columns) + len(params))))
                 columns += list(x)
-                prior += list(prior_widths(params) ** -2.0)
-                low += [q.low - o for q, o in zip(params, origin, strict=True)]
-                high += [q.high - o for q, o in zip(params, origin, strict=True)]
+                prior.append(prior_widths(params) ** -2.0)
+                limits.append(np.array(bounds(params)) - origin)
         made = np.array(columns).reshape(-1, *nominal.shape)
-        bounds = (np.array(x, dtype=float) for x in (prior, low, high))
-        return Bank(Normal.of(made, b.measured - nominal, b.block, b.fold, *bounds), entries)
+        low, high = np.concatenate(limits, axis=1)
+        normal = Normal.of(made, b.measured - nominal, b.block, b.fold, np.concatenate(prior), low, high)
+        return Bank(normal, entries)
 
     def columns(self, entries: Iterable[Entry]) -> list[int]:
         return [c for e in entries for c in e.columns]

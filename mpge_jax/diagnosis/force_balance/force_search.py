@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -55,12 +55,12 @@ class Judged:
         return sum(len(e.columns) + 0.75 * e.term.effect.tier for e in self.chosen)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Found:
     """The end of a search: what was chosen, and what stood against each part of it, best first."""
 
     best: Judged
-    rivals: dict[Term, list[Judged]] = field(default_factory=dict)
+    rivals: dict[Term, list[Judged]]
 
 
 @dataclass
@@ -82,6 +82,7 @@ class ForceSearch:
         self.rows = normal.rows.sum(0)
         self.bar = SURE + float(np.log(max(len({e.term for e in self.bank.entries}), 1)))
         self.least = 1e-8 * normal.square.sum(0) + 1e-300
+        self.groups = _groups(self.bank.entries)
 
     def run(self) -> Found:
         """The chosen hypothesis, with rivals of each of its terms."""
@@ -97,7 +98,8 @@ class ForceSearch:
             best = pruned
             self.log.append(f"forces: {hypothesis_of(best.chosen)}")
             self.say(f"the forces need {len(best.chosen)} effects")
-        return Found(best, {e.term: self._rivals(best, e) for e in best.chosen})
+        weighted = self._weights(best.chosen)
+        return Found(best, {e.term: self._rivals(best, e, weighted) for e in best.chosen})
 
     def ratio(self, a: Judged, b: Judged) -> float:
         """Logarithm of the likelihood ratio of `a` to `b`."""
@@ -149,28 +151,12 @@ class ForceSearch:
                 moves.append((*chosen, e))
             elif e not in chosen:
                 moves.append((*_beside(chosen, e), e))
-        for ids in GROUPS:
-            for variant in range(3):
-                group = [x for i in ids for x in self._everywhere(i, variant)]
-                rest = chosen
-                for e in group:
-                    rest = _beside(rest, e)
-                added = (*rest, *group)
-                if group and (variant == 0 or any(self._variants(i) > variant for i in ids)):
-                    moves.append(added)
+        for group in self.groups:
+            rest = chosen
+            for e in group:
+                rest = _beside(rest, e)
+            moves.append((*rest, *group))
         return moves
-
-    def _variants(self, effect: str) -> int:
-        terms = [e.term for e in self.bank.entries if e.term.id == effect]
-        return len(terms) // max(len(set(terms)), 1)
-
-    def _everywhere(self, effect: str, variant: int) -> list[Entry]:
-        """One effect at every place, each at the start of that number or its last."""
-        by_term: dict[Term, list[Entry]] = {}
-        for e in self.bank.entries:
-            if e.term.id == effect and e.term.place.kind in ("joint", "actuator"):
-                by_term.setdefault(e.term, []).append(e)
-        return [starts[min(variant, len(starts) - 1)] for starts in by_term.values()]
 
     def _pruned(self, best: Judged) -> Judged:
         """Drop, one by one, what predicts no better than nothing in its place."""
@@ -184,10 +170,10 @@ class ForceSearch:
             best = max(needless, key=lambda j: self.ratio(j, best))
         return best
 
-    def _rivals(self, best: Judged, own: Entry) -> list[Judged]:
+    def _rivals(self, best: Judged, own: Entry, weighted: Weighted) -> list[Judged]:
         """What could stand in the place of one effect, best first."""
         rest = tuple(e for e in best.chosen if e is not own)
-        weighted, hypothesis = self._weights(best.chosen), hypothesis_of(rest)
+        hypothesis = hypothesis_of(rest)
         others = [e for e in self.bank.entries if e.term != own.term and compatible(hypothesis, e.term)]
         scores = [
             (self._score(weighted.left(self.bank.columns((*rest, e)))), i) for i, e in enumerate(others)
@@ -197,6 +183,21 @@ class ForceSearch:
             if others[i].term not in out and len(out) < 5:
                 out[others[i].term] = self._judge((*rest, others[i]), weighted)
         return list(out.values())
+
+
+def _groups(entries: list[Entry]) -> list[Chosen]:
+    """Each of `GROUPS` at every joint or actuator, at each start that one of its effects has; those with fewer are at
+    their last."""
+    starts: dict[Term, list[Entry]] = {}
+    for e in entries:
+        if e.term.place.kind in ("joint", "actuator"):
+            starts.setdefault(e.term, []).append(e)
+    out: list[Chosen] = []
+    for ids in GROUPS:
+        members = [own for i in ids for term, own in starts.items() if term.id == i]
+        for k in range(max(map(len, members), default=0)):
+            out.append(tuple(own[min(k, len(own) - 1)] for own in members))
+    return out
 
 
 def _beside(chosen: Chosen, e: Entry) -> Chosen:

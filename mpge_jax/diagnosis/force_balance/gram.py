@@ -20,7 +20,7 @@ class Normal:
 
     Attributes:
         gram: [B, nu, P, P]. moment: [B, nu, P]. square: [B, nu] of what is to be explained. rows: [B, nu] how many.
-        total: [B, nu, P], whole: [B, nu] sums of the columns and of what is to be explained.
+        column_sum: [B, nu, P]. target_sum: [B, nu] sums over the rows.
         prior: [P] precision of each coefficient's weak prior. low, high: [P] bounds.
         fold: [B] part to which each block belongs.
     """
@@ -29,8 +29,8 @@ class Normal:
     moment: Array
     square: Array
     rows: Array
-    total: Array
-    whole: Array
+    column_sum: Array
+    target_sum: Array
     prior: Array
     low: Array
     high: Array
@@ -50,15 +50,20 @@ class Normal:
         moment = np.array([(a @ y[r].T[..., None])[..., 0] for a, r in zip(parts, each, strict=True)])
         square = np.array([(y[r] ** 2).sum(0) for r in each])
         rows = np.array([seen[r].sum(0) for r in each])
-        total = np.array([a.sum(2) for a in parts])
-        whole = np.array([y[r].sum(0) for r in each])
-        return Normal(gram, moment, square, rows, total, whole, prior, low, high, fold)
+        column_sum = np.array([a.sum(2) for a in parts])
+        target_sum = np.array([y[r].sum(0) for r in each])
+        return Normal(gram, moment, square, rows, column_sum, target_sum, prior, low, high, fold)
 
     @cached_property
     def by_fold(self) -> tuple[Array, Array, Array]:
         """gram [K, nu, P, P], moment and square of the parts."""
         each = [self.fold == k for k in np.unique(self.fold)]
         return tuple(np.array([x[r].sum(0) for r in each]) for x in (self.gram, self.moment, self.square))  # type: ignore[return-value]
+
+    @cached_property
+    def pooled(self) -> tuple[Array, Array, Array]:
+        """gram [nu, P, P], moment and square of all parts."""
+        return tuple(part.sum(0) for part in self.by_fold)
 
     def weighted(self, weight: Array) -> Weighted:
         """The same with actuators weighted by `weight` [nu]: one over the variance of their rows."""
@@ -90,21 +95,15 @@ class Weighted:
         blocks' sums over that of as many independent errors."""
         index, n = np.array(chosen, dtype=int), self.normal
         x = self.solve(chosen)
-        sums = n.whole - n.total[..., index] @ x
-        common = (sums**2).sum(0) / np.maximum(_errors(x, index, *self.whole), 1e-300)
+        sums = n.target_sum - n.column_sum[..., index] @ x
+        common = (sums**2).sum(0) / np.maximum(_errors(x, index, *n.pooled), 1e-300)
         longest = n.rows.sum(0) / len(n.rows)
         return np.clip(common, 1.0, np.maximum(longest, 1.0))
 
     def left(self, chosen: Sequence[int]) -> Array:
         """Squared errors [nu] of the fit to all parts."""
         index = np.array(chosen, dtype=int)
-        gram, moment, square = self.whole
-        return _errors(self.solve(chosen), index, gram, moment, square)
-
-    @cached_property
-    def whole(self) -> tuple[Array, Array, Array]:
-        """gram [nu, P, P], moment and square of all parts."""
-        return tuple(part.sum(0) for part in self.normal.by_fold)
+        return _errors(self.solve(chosen), index, *self.normal.pooled)
 
     @cached_property
     def all(self) -> tuple[Array, Array]:

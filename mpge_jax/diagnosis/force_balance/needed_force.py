@@ -30,25 +30,18 @@ def needed(ctx: Context, parts: dict[Term, Array], track: Track) -> Array:
         parts: effects with their parameters.
     """
     machine = Machine.build(ctx, tuple(parts), tuple(parts.values()))
-    for column, (offset, delay) in machine.senses().items():
-        dof = next(d for d, j in enumerate(ctx.model.dof_jntid) if ctx.model.jnt_qposadr[j] == column)
-        track = track.sensed(column, int(dof), offset, delay)
+    for term, theta in parts.items():
+        if term.effect.senses:
+            track = track.sensed(ctx.qadr(term.place), ctx.dof(term.place), *term.effect.sense(theta))
     model = machine.model
     bodies = sorted({t.place.index for t, _ in machine.runtime if t.place.kind == "body"})
     rigid = _Rigid(model, track, bodies)
     sign = erf(track.v / (np.sqrt(2.0) * np.maximum(track.unsure, 1e-9)))
     force = rigid.by_actuator(rigid.needed + model.dof_frictionloss * sign)
-    if not machine.runtime:
-        return force
-    by_force = any(_reads_force(t) for t, _ in machine.runtime)
-    for _ in range(ROUNDS if by_force else 1):
+    for _ in range(ROUNDS if machine.runtime else 0):
         pushed, dry = _runtime(machine, track, rigid, force)
         force = rigid.by_actuator(rigid.needed + dry * sign - pushed)
     return force
-
-
-def _reads_force(term: Term) -> bool:
-    return term.effect.id.startswith("load_dependent_friction")
 
 
 class _Rigid:
@@ -56,7 +49,7 @@ class _Rigid:
 
     Attributes:
         needed: [T, nv]. bias: [T, nv] `qfrc_bias`. velocity: body -> [T, 3]. jacobian: body -> [T, 3, nv], of centres
-        of mass.
+        of mass. driven: [nv] on which actuators act. inverse: [T or 1, nu, driven] forces of actuators for theirs.
     """
 
     def __init__(self, model: mujoco.MjModel, track: Track, bodies: list[int]) -> None:
@@ -68,7 +61,7 @@ class _Rigid:
         self.velocity = {b: np.empty((rows, 3)) for b in bodies}
         self.jacobian = {b: np.empty((rows, 3, model.nv)) for b in bodies}
         direct = np.all(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
-        self.moment = np.empty((1 if direct else rows, model.nu, model.nv))
+        moment = np.empty((1 if direct else rows, model.nu, model.nv))
         qpos, qvel, qacc, inverse = data.qpos, data.qvel, data.qacc, mujoco.mj_inverse
         for t, (q, v, a) in enumerate(zip(track.q, track.v, track.a, strict=True)):
             qpos[:], qvel[:], qacc[:] = q, v, a
@@ -79,17 +72,17 @@ class _Rigid:
                 mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, b, six, 0)
                 mujoco.mj_jacBodyCom(model, data, jacobian, None, b)
                 self.velocity[b][t], self.jacobian[b][t] = six[3:], jacobian
-            if t < len(self.moment):
+            if t < len(moment):
                 mujoco.mj_transmission(model, data)
-                self.moment[t] = moments(model, data)
+                moment[t] = moments(model, data)
         model.dof_frictionloss[:] = loss
+        self.driven = np.abs(moment).max(axis=(0, 1), initial=0.0) > 0
+        self.inverse = np.linalg.pinv(np.swapaxes(moment[:, :, self.driven], 1, 2))
 
     def by_actuator(self, needed: Array) -> Array:
         """Measured forces [T, nu] whose moments make up generalised forces [T, nv], as nearly as the actuators can:
         what an actuator of the model gives is its gain times what was measured, and its bias."""
-        driven = np.abs(self.moment).max(axis=(0, 1), initial=0.0) > 0
-        inverse = np.linalg.pinv(np.swapaxes(self.moment[:, :, driven], 1, 2))
-        force = (inverse @ needed[:, driven, None])[..., 0]
+        force = (self.inverse @ needed[:, self.driven, None])[..., 0]
         gain, bias = self.model.actuator_gainprm[:, 0], self.model.actuator_biasprm[:, 0]
         affine = self.model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
         return (force - np.where(affine, bias, 0.0)) / np.where(gain == 0.0, np.inf, gain)
@@ -108,11 +101,10 @@ def _runtime(machine: Machine, track: Track, rigid: _Rigid, force: Array) -> tup
     dry = np.tile(model.dof_frictionloss, (len(track.time), 1))
     for term, theta in machine.runtime:
         out = _along(machine, term, theta, s)
-        dof = machine.ctx.dof(term.place) if term.place.kind == "joint" else 0
         if out.joint is not None:
-            pushed[:, dof] += out.joint
+            pushed[:, machine.ctx.dof(term.place)] += out.joint
         if out.dry is not None:
-            dry[:, dof] += out.dry
+            dry[:, machine.ctx.dof(term.place)] += out.dry
         if out.body is not None:
             moved = np.broadcast_to(out.body, (len(track.time), 3))
             pushed += np.einsum("tc,tcv->tv", moved, rigid.jacobian[term.place.index])

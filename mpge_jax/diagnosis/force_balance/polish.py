@@ -20,7 +20,8 @@ SHORTER = (1.0, 0.3, 0.1, 0.02)
 def polished(b: Balance, parts: dict[Term, Array]) -> Fitted:
     """The best parameters near `parts`; their covariance allows for errors that neighbouring rows share."""
     h = Hypothesis.of(*parts)
-    params, widths = h.params(b.ctx), prior_widths(h.params(b.ctx))
+    params = h.params(b.ctx)
+    prior = prior_widths(params) ** -2.0
     low, high = bounds(params)
     theta = np.clip(h.gather(b.ctx, parts), low, high)
     centre = theta.copy()
@@ -35,7 +36,6 @@ def polished(b: Balance, parts: dict[Term, Array]) -> Fitted:
     for last in range(STEPS):
         split = h.split(b.ctx, theta)
         columns = np.concatenate([b.columns(split, t, here) for t in h.terms])
-        prior = widths**-2.0
         normal = Normal.of(columns, b.measured - here, b.block, b.fold, prior, low - theta, high - theta)
         weight = np.where(normal.rows.sum(0) > 0, 1.0 / variance, 0.0)
         weighted = normal.weighted(weight)
@@ -53,8 +53,7 @@ def polished(b: Balance, parts: dict[Term, Array]) -> Fitted:
         if after > (1.0 - ENOUGH) * before and last:
             break
     alike = weighted.alike(range(len(theta)))
-    information = np.einsum("u,upq->pq", weight, normal.gram.sum(0), optimize=True)
-    spread = np.einsum("u,upq->pq", weight * alike, normal.gram.sum(0), optimize=True)
+    information, spread = (np.einsum("u,upq->pq", w, normal.pooled[0]) for w in (weight, weight * alike))
     inverse = np.linalg.pinv(information + np.diag(prior), hermitian=True)
     return Fitted(h, theta, centre, after, information, inverse @ (spread + np.diag(prior)) @ inverse)
 

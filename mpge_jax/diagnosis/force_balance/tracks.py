@@ -71,7 +71,7 @@ def _track(p: Prepared, s: Source, stride: int, cutoff: float) -> Track:
     if np.isfinite(cutoff):
         v = low_pass(_raw_velocity(p, s), r.time, cutoff)
         a = np.gradient(v, r.time, axis=0)
-    force = np.where(p.measured, _between(s), np.nan)
+    force = np.where(p.measured, mean_force(s), np.nan)
     return Track(r.name, r.time[rows], x.qpos[rows], v[rows], a[rows], unsure[rows], force[rows])
 
 
@@ -86,7 +86,7 @@ def _raw_velocity(p: Prepared, s: Source) -> Array:
     return out
 
 
-def _between(s: Source) -> Array:
+def mean_force(s: Source) -> Array:
     """Mean force [T, nu] from the row before each row to the row after it, the span of its acceleration."""
     t = s.recording.time
     mean = (s.integral[2:] - s.integral[:-2]) / (t[2:] - t[:-2])[:, None]

@@ -17,7 +17,9 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.drive import Drive
-from mpge_jax.diagnosis.machine.model import free_inertia, is_scalar, moments
+from mpge_jax.diagnosis.force_balance import tracks
+from mpge_jax.diagnosis.force_balance.tracks import EDGE, mean_force
+from mpge_jax.diagnosis.machine.model import free_inertia, moments
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.recordings.states import estimate
 from mpge_jax.diagnosis.simulation import single_step
@@ -28,8 +30,6 @@ from mpge_jax.diagnosis.verdict.result import Result
 Array = np.ndarray
 MAX_ROWS = 6000
 """Most rows that are predicted, over all recordings together."""
-EDGE = 5
-"""Rows at either end of a recording, where its acceleration is known badly."""
 ROUNDS = 3
 """Fixed-point rounds for friction that depends on the force itself."""
 
@@ -60,17 +60,10 @@ class ForceErrors:
 def motion_is_given(d: Result) -> bool:
     """Whether the recordings hold forces and no commands, and the force can be computed from the motion.
 
-    Every joint's acceleration must be known (angular ones of ball and free joints are not estimated). A gap or a
-    spring between motor and link hides the motor's motion, and an encoder that is off or late the link's.
+    A gap or a spring between motor and link hides the motor's motion, and an encoder that is off or late the link's.
     """
-    p = d.prepared
-    recordings = [s.recording for s in p.train_sources + p.held_sources]
-    if not p.measured.any() or any(r.ctrl is not None for r in recordings):
-        return False
-    if any(r.time.size <= 2 * EDGE or np.isnan(r.qpos).any() for r in recordings):
-        return False
-    known = all(is_scalar(p.model, j) for j in range(p.model.njnt))
-    return known and not any(isinstance(t.effect, Drive) or t.effect.senses for t in d.terms)
+    hidden = any(isinstance(t.effect, Drive) or t.effect.senses for t in d.terms)
+    return tracks.motion_is_given(d.prepared) and not hidden
 
 
 def force_errors(d: Result, held: bool) -> ForceErrors:
@@ -85,7 +78,7 @@ def force_errors(d: Result, held: bool) -> ForceErrors:
         rows = slice(EDGE, min(source.recording.time.size - EDGE, EDGE + most))
         before, after = (_needed(m, source, rows) for m in (nominal, corrected))
         again = _needed(corrected, _noisier(p, source, np.random.default_rng([d.config.seed, i])), rows)
-        measured = np.where(p.measured, _measured(source, rows), np.nan)
+        measured = np.where(p.measured, mean_force(source)[rows], np.nan)
         spread.append(np.where(p.measured, again - after, np.nan))
         traces.append(
             Trace(
@@ -121,14 +114,6 @@ def _sensor_noise(p: Prepared) -> Array:
         level, _ = column_noise([r.time for r in recordings], [r.known("force")[:, a] for r in recordings])
         out[a] = level if np.isfinite(level) else 0.0
     return out
-
-
-def _measured(source: Source, rows: slice) -> Array:
-    """Mean force [T, nu] from the row before each row to the row after it, the span of its acceleration."""
-    t = source.recording.time
-    span = (t[2:] - t[:-2])[:, None]
-    mean = (source.integral[2:] - source.integral[:-2]) / span
-    return np.concatenate([mean[:1], mean, mean[-1:]])[rows]
 
 
 def _noisier(p: Prepared, source: Source, rng: np.random.Generator) -> Source:

@@ -84,6 +84,7 @@ def test_nothing_is_named_where_there_is_noise_alone(ctx):
     b = Balance.of(ctx, _tracks(ctx, {}, noise=0.05), np.inf, np.inf)
     terms = [Term(i, place) for i in IDS for place in REGISTRY[i].places(ctx)]
     assert ForceSearch(Bank.of(b, terms), lambda _: None, [], 10).run().best.chosen == ()
+    assert ForceSearch(Bank.of(b, []), lambda _: None, [], 10).run().rivals == {}
 
 
 def test_low_pass_keeps_what_is_slow_and_takes_what_is_fast():
