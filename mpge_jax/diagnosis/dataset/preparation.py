@@ -96,7 +96,8 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     if whole:
         noise = as_large_as_motion(together, noise)
     if whole or is_coarse(together, model, noise):
-        terms = [t for t in all_terms(ctx, config.effects) if not t.effect.senses]
+        known = all_terms(ctx, config.effects)
+        terms = [t for t in known if t.effect.simulated and not t.effect.senses]
         noise = bound(sim, train_sources, noise, terms, dt, config.seed)
         if noise.direct:
             measured_states = states_as_measured(together, model, noise)

@@ -62,6 +62,10 @@ class Effect:
     slopes."""
     rugged = False
     """Whether parts strike each other, so that slopes say little of where the best parameters lie."""
+    traced = False
+    """Whether `along` tells its force where only the motion is known."""
+    simulated = True
+    """Whether the search by simulated windows tries it; else only where motion and force are given."""
     senses = False
     """Whether it changes the measurement (`sense`)."""
     fields: tuple[str, ...] = ()
@@ -100,6 +104,10 @@ class Effect:
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
         return Forces(), memory
+
+    def along(self, ctx: Context, place: Place, theta: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Generalised force [T] on its joint along a recorded motion q [T, nq], memory included; if `traced`."""
+        raise NotImplementedError(f"{self.id} does not follow from the motion alone")
 
     def command_memory(self, xp: Any, ctx: Context, place: Place, u: Array, dt: float) -> Any:
         return ()

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import needed
-from mpge_jax.diagnosis.force_balance.tracks import Track
+from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track
 
 Array = np.ndarray
 BLOCKS = 40
@@ -29,10 +29,9 @@ class Balance:
 
     Attributes:
         tracks: rows of every recording.
-        measured: [N, nu] forces of all of them (NaN: none), low-passed like the motion.
+        measured: [N, nu] forces of all of them (NaN: none), below the motion's frequency.
         block: [N] number of each row's block.
         fold: [B] part to which each block belongs: a recording, or spread blocks where there are few recordings.
-        cutoff: Hz to which the measurement follows sudden forces.
     """
 
     ctx: Context
@@ -40,11 +39,11 @@ class Balance:
     measured: Array
     block: Array
     fold: Array
-    cutoff: float
+    resolution: Resolution
 
     @staticmethod
-    def of(ctx: Context, tracks: list[Track], motion: float, cutoff: float) -> Balance:
-        """`motion`: Hz below which the motion was taken; `cutoff` as above."""
+    def of(ctx: Context, tracks: list[Track], resolution: Resolution) -> Balance:
+        """`tracks`: of that resolution."""
         total = sum(t.time[-1] - t.time[0] for t in tracks)
         block, of, first = [], [], 0
         for k, t in enumerate(tracks):
@@ -52,14 +51,14 @@ class Balance:
             block.append(first + np.minimum(np.arange(t.time.size) * count // t.time.size, count - 1))
             first += count
             of += [k] * count
-        measured = [_seen(t.force, t.time, motion) for t in tracks]
+        measured = [_seen(t.force, t.time, resolution.motion) for t in tracks]
         fold = np.array(of) if len(tracks) >= RECORDINGS else np.arange(first)
-        return Balance(ctx, tracks, np.concatenate(measured), np.concatenate(block), fold % FOLDS, cutoff)
+        return Balance(ctx, tracks, np.concatenate(measured), np.concatenate(block), fold % FOLDS, resolution)
 
     def predicted(self, parts: dict[Term, Array]) -> Array:
         """Forces [N, nu] that the motion needs, as the measurement would show them."""
         return np.concatenate(
-            [low_pass(needed(self.ctx, parts, t), t.time, self.cutoff) for t in self.tracks]
+            [low_pass(needed(self.ctx, parts, t), t.time, self.resolution.sensor) for t in self.tracks]
         )
 
     def columns(self, parts: dict[Term, Array], term: Term, here: Array) -> Array:

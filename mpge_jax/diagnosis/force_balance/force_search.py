@@ -29,11 +29,8 @@ GROUPS = (
     ("coulomb_friction", "viscous_damping", "armature"),
     ("coulomb_friction", "viscous_damping", "actuator_bias"),
     ("coulomb_friction", "viscous_damping", "armature", "actuator_bias"),
-    ("asymmetric_friction",),
-    ("stribeck_friction",),
-    ("load_dependent_friction",),
 )
-"""Effects that robots lack in every joint at once."""
+"""Effects that robots lack in every joint at once; more elaborate ones have to win joint by joint."""
 Chosen = tuple[Entry, ...]
 
 
@@ -110,6 +107,15 @@ class ForceSearch:
         share = 1.0 - a.errors / np.maximum(b.errors, 1e-300)
         return self.ratio(a, b) > self.bar and float(share.max(initial=0.0)) > LEAST
 
+    def _needs(self, best: Judged, without: Judged, e: Entry) -> bool:
+        """Whether `best` needs one of its effects. What other joints have too is likely here: it need not be shown
+        beyond doubt, but predict better than nothing in its place."""
+        shared = e.term.effect.tier == 1 and any(
+            o.term.id == e.term.id and o is not e and o.term.place.kind == e.term.place.kind
+            for o in best.chosen
+        )
+        return self.ratio(best, without) > 0.0 if shared else self._wins(best, without)
+
     def _score(self, errors: Array) -> float:
         """Mean logarithm of the actuators' squared errors."""
         seen = self.rows > 0
@@ -163,8 +169,10 @@ class ForceSearch:
         while best.chosen:
             weighted = self._weights(best.chosen)
             best = self._judge(best.chosen, weighted)
-            less = [self._judge(tuple(o for o in best.chosen if o is not e), weighted) for e in best.chosen]
-            needless = [j for j in less if not self._wins(best, j)]
+            less = [
+                (e, self._judge(tuple(o for o in best.chosen if o is not e), weighted)) for e in best.chosen
+            ]
+            needless = [j for e, j in less if not self._needs(best, j, e)]
             if not needless:
                 break
             best = max(needless, key=lambda j: self.ratio(j, best))

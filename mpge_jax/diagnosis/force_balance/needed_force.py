@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco
 import numpy as np
 from scipy.special import erf
 
+from mpge_jax.diagnosis.effects.base import Effect
 from mpge_jax.diagnosis.effects.context import Context
+from mpge_jax.diagnosis.effects.friction.damping import ExplicitDamping
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.step import Step
+from mpge_jax.diagnosis.effects.step import Forces, Step
 from mpge_jax.diagnosis.force_balance.tracks import Track
 from mpge_jax.diagnosis.machine.model import moments
 from mpge_jax.diagnosis.simulation.single_step import Machine
 
 Array = np.ndarray
+MEASURES = ("actuator_gain", "actuator_bias")
+"""Effects of actuators that say how their force is measured: its scale and its zero."""
 ROUNDS = 3
 """Fixed-point rounds for friction that depends on the force itself."""
+
+
+def can_ask(term: Term) -> bool:
+    """Whether `needed` knows what an effect does to the forces.
+
+    It does not where commands decide, which nobody recorded, in contacts, whose inverse dynamics are noise, and where
+    an effect remembers more than the recorded motion. Of two forms that differ only in how they are integrated one is
+    enough.
+    """
+    e = term.effect
+    if e.side == "actuator":
+        return e.id in MEASURES
+    remembers = type(e).memory is not Effect.memory
+    return not e.jagged and not isinstance(e, ExplicitDamping) and (not remembers or e.traced)
 
 
 def needed(ctx: Context, parts: dict[Term, Array], track: Track) -> Array:
@@ -111,7 +127,10 @@ def _runtime(machine: Machine, track: Track, rigid: _Rigid, force: Array) -> tup
     return pushed, dry
 
 
-def _along(machine: Machine, term: Term, theta: Array, s: Step) -> Any:
+def _along(machine: Machine, term: Term, theta: Array, s: Step) -> Forces:
     """Forces of one effect at all rows at once."""
+    if term.effect.traced:
+        return Forces(joint=term.effect.along(machine.ctx, term.place, theta, s.q))
     memory = term.effect.memory(np, machine.ctx, term.place, theta, s)
-    return term.effect.force(np, machine.ctx, term.place, theta, s, memory)[0]
+    forces: Forces = term.effect.force(np, machine.ctx, term.place, theta, s, memory)[0]
+    return forces

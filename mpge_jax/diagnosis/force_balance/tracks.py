@@ -17,11 +17,28 @@ EDGE = 5
 
 
 @dataclass(frozen=True)
+class Resolution:
+    """How finely motion and force are known.
+
+    Attributes:
+        motion: Hz below which velocities and accelerations are taken from the recorded velocities (infinite: as the
+        smoother has them). sensor: Hz to which measured forces follow sudden ones (infinite: all).
+        still: share of its usual speed below which a joint may be at rest: noise of its sensor moves it there, or it
+        yields before it slides, and dry friction is not fully against it.
+    """
+
+    motion: float = np.inf
+    sensor: float = np.inf
+    still: float = 0.0
+
+
+@dataclass(frozen=True)
 class Track:
     """Rows of one recording.
 
     Attributes:
-        time: [T] s. q: [T, nq]. v, a: [T, nv]. unsure: [T, nv] deviation of v. force: [T, nu] measured, before the gear
+        time: [T] s. q: [T, nq]. v, a: [T, nv]. unsure: [T, nv] deviation of v as far as it tells
+        the direction of dry friction. force: [T, nu] measured, before the gear
         (NaN: not measured).
     """
 
@@ -53,23 +70,22 @@ def motion_is_given(p: Prepared) -> bool:
     return all(is_scalar(p.model, j) for j in range(p.model.njnt))
 
 
-def tracks(p: Prepared, sources: tuple[Source, ...], most: int, cutoff: float = np.inf) -> list[Track]:
-    """All recordings, at every row or at evenly spread ones so that there are at most `most`.
-
-    Args:
-        cutoff: Hz below which velocities are taken from the recordings; infinite: those of the smoother.
-    """
+def tracks(
+    p: Prepared, sources: tuple[Source, ...], most: int, resolution: Resolution = Resolution()
+) -> list[Track]:
+    """All recordings, at every row or at evenly spread ones so that there are at most `most`."""
     total = sum(s.recording.time.size - 2 * EDGE for s in sources)
     stride = max(1, int(np.ceil(total / most)))
-    return [_track(p, s, stride, cutoff) for s in sources]
+    return [_track(p, s, stride, resolution) for s in sources]
 
 
-def _track(p: Prepared, s: Source, stride: int, cutoff: float) -> Track:
+def _track(p: Prepared, s: Source, stride: int, resolution: Resolution) -> Track:
     rows = slice(EDGE, s.recording.time.size - EDGE, stride)
     x, r = s.states, s.recording
     v, a, unsure = x.qvel, x.qacc, np.sqrt(np.maximum(x.cov[..., 1, 1], 0.0))
-    if np.isfinite(cutoff):
-        v = low_pass(_raw_velocity(p, s), r.time, cutoff)
+    unsure = np.maximum(unsure, resolution.still * p.ctx.speed)
+    if np.isfinite(resolution.motion):
+        v = low_pass(_raw_velocity(p, s), r.time, resolution.motion)
         a = np.gradient(v, r.time, axis=0)
     force = np.where(p.measured, mean_force(s), np.nan)
     return Track(r.name, r.time[rows], x.qpos[rows], v[rows], a[rows], unsure[rows], force[rows])

@@ -32,7 +32,7 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
     held = p.windows(True, length, c.held_windows)
     p.sim.stride = stride(p.sim, train)
     sides = {"mechanical", "sensor"} if p.measured.all() and p.measured.size else None
-    terms = all_terms(p.ctx, c.effects, sides)
+    terms = [t for t in all_terms(p.ctx, c.effects, sides) if t.effect.simulated]
     terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
     terms = [t for t in terms if _visible(p, t, train)]
     limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3

@@ -1,16 +1,14 @@
-"""Friction and damping at a joint. Dry friction is MuJoCo's `frictionloss`, made stiff, so that it really sticks."""
+"""Dry friction at a joint: MuJoCo's `frictionloss`, made stiff, so that it really sticks."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect, register
-from mpge_jax.diagnosis.effects.context import Context, Param, Place, all_places, joint_unit
-from mpge_jax.diagnosis.effects.native import SpecFields
+from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
+from mpge_jax.diagnosis.effects.friction.scales import damping_param, torque_param
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.machine.model import actuators_of_joint
 
@@ -26,82 +24,12 @@ def stiff_dry_friction(f: Fields, ctx: Context, dof: int, like: Array) -> None:
     f.set("dof_solimp", dof, xp.stack([s * one for s in SOLIMP], -1))
 
 
-def _torque(ctx: Context, place: Place, name: str, low: float = 0.0) -> Param:
-    t = float(ctx.torque[ctx.dof(place)])
-    return Param(name, joint_unit(ctx, place, "N m", "N"), low, 50 * t, 0.1 * t)
-
-
-def _damping(ctx: Context, place: Place, name: str = "coefficient") -> Param:
-    dof = ctx.dof(place)
-    scale = 0.1 * float(ctx.torque[dof]) / max(float(ctx.speed[dof]), 1e-3)
-    return Param(name, joint_unit(ctx, place, "N m s/rad", "N s/m"), 0.0, 500 * scale, scale)
-
-
-COARSE = 0.02
-"""Share of its speed that damping as large as the joint's torques takes from a joint in a timestep."""
-
-
 class _Dry(Effect):
     kinds = ("joint",)
     fields = ("dof_frictionloss", "dof_solref", "dof_solimp")
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         stiff_dry_friction(f, ctx, ctx.dof(place), theta[..., 0])
-
-
-@register
-class ViscousDamping(Effect):
-    id, kinds = "viscous_damping", ("joint",)
-    equation = "-b v"
-    says = "The {at} has viscous damping of {coefficient} that the model lacks."
-    fields = ("dof_damping",)
-    remedy = "move the joint at three speeds over a decade in both directions, then let it coast unpowered"
-
-    def places(self, ctx: Context) -> list[Place]:
-        """Every scalar joint: the air brakes a floating base too."""
-        return all_places(ctx, "joint")
-
-    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        return (_damping(ctx, place),)
-
-    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        f.add("dof_damping", ctx.dof(place), theta[..., 0])
-
-
-@register
-class ExplicitDamping(ViscousDamping):
-    """The same integrated explicitly, as other laws of friction and a motor's back-EMF are: MuJoCo integrates a joint's
-    damping implicitly, which a coarse timestep makes another motion, and those laws would win by that alone."""
-
-    id, runtime = "viscous_damping:explicit", True
-
-    def places(self, ctx: Context) -> list[Place]:
-        """Joints whose damping a timestep may change much; none where MuJoCo is explicit itself."""
-        m = ctx.model
-        implicit_off = m.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
-        euler = m.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
-        if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 or (euler and implicit_off):
-            return []
-        rate = ctx.torque / np.maximum(ctx.speed * m.dof_M0, 1e-12)
-        return [p for p in super().places(ctx) if rate[ctx.dof(p)] * ctx.timestep > COARSE]
-
-    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        """Damping that takes at most half of the speed in a timestep, far from where explicit steps diverge."""
-        (plain,) = super().params(ctx, place)
-        high = 0.5 * float(ctx.model.dof_M0[ctx.dof(place)]) / ctx.timestep
-        return (replace(plain, high=high, scale=min(plain.scale, 0.1 * high)),)
-
-    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        pass
-
-    def force(
-        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
-    ) -> tuple[Forces, Any]:
-        return Forces(joint=-theta[..., 0] * s.v[..., ctx.dof(place)]), memory
-
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        super().model(SpecFields(spec), ctx, place, theta)
-        return True
 
 
 @register
@@ -112,7 +40,7 @@ class CoulombFriction(_Dry):
     remedy = "reverse the joint slowly many times, and also move it fast"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        return (_torque(ctx, place, "torque"),)
+        return (torque_param(ctx, place, "torque"),)
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         super().model(f, ctx, place, theta)
@@ -133,8 +61,8 @@ class StribeckFriction(_Dry):
         v = max(float(ctx.speed[ctx.dof(place)]), 1e-3)
         unit = joint_unit(ctx, place, "rad/s", "m/s")
         return (
-            _torque(ctx, place, "coulomb"),
-            _torque(ctx, place, "rise"),
+            torque_param(ctx, place, "coulomb"),
+            torque_param(ctx, place, "rise"),
             Param("velocity", unit, 0.005 * v, 3 * v, 0.1 * v),
         )
 
@@ -172,7 +100,7 @@ class LoadDependentFriction(_Dry):
     remedy = "make the same motion with two loads, lifting and lowering"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        return (_torque(ctx, place, "coulomb"), Param("load_coefficient", "1", 0.0, 2.0, 0.1))
+        return (torque_param(ctx, place, "coulomb"), Param("load_coefficient", "1", 0.0, 2.0, 0.1))
 
     def places(self, ctx: Context) -> list[Place]:
         return [p for p in super().places(ctx) if _drives(ctx, p)]
@@ -218,10 +146,10 @@ class AsymmetricFriction(_Dry):
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (
-            _torque(ctx, place, "coulomb_forward"),
-            _torque(ctx, place, "coulomb_backward"),
-            _damping(ctx, place, "viscous_forward"),
-            _damping(ctx, place, "viscous_backward"),
+            torque_param(ctx, place, "coulomb_forward"),
+            torque_param(ctx, place, "coulomb_backward"),
+            damping_param(ctx, place, "viscous_forward"),
+            damping_param(ctx, place, "viscous_backward"),
         )
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
@@ -243,43 +171,6 @@ class AsymmetricFriction(_Dry):
         dry = xp.where(forward, theta[..., 0], theta[..., 1])
         viscous = xp.where(forward, theta[..., 2], theta[..., 3])
         return Forces(dry=dry, joint=-viscous * v), memory
-
-
-@register
-class QuadraticDrag(Effect):
-    id, kinds, tier, runtime = "quadratic_drag", ("joint", "body"), 2, True
-    equation = "-d v |v| (of a body: at its centre of mass)"
-    says = "{at} is slowed by a drag of {coefficient} times the square of its speed."
-    fields = ("dof_dampingpoly",)
-    remedy = "cover a wide range of speeds"
-
-    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        if place.kind == "body":
-            # a tenth of the machine's weight at the body's typical speed
-            v = max(float(ctx.body_speed[place.index]), 1e-2)
-            scale = 0.1 * ctx.weight / v**2
-            return (Param("coefficient", "N s^2/m^2", 0.0, 1e3 * scale, scale),)
-        dof = ctx.dof(place)
-        scale = 0.1 * float(ctx.torque[dof]) / max(float(ctx.speed[dof]), 1e-2) ** 2
-        unit = joint_unit(ctx, place, "N m s^2/rad^2", "N s^2/m^2")
-        return (Param("coefficient", unit, 0.0, 1e3 * scale, scale),)
-
-    def force(
-        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
-    ) -> tuple[Forces, Any]:
-        d = theta[..., 0]
-        if place.kind == "body":
-            v = s.body_velocity(place.index)
-            speed = xp.sqrt((v * v).sum(-1) + 1e-16)
-            return Forces(body=-(d * speed)[..., None] * v), memory
-        v = s.v[..., ctx.dof(place)]
-        return Forces(joint=-d * v * xp.abs(v)), memory
-
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        if place.kind == "body":
-            return False
-        SpecFields(spec).add("dof_dampingpoly", (ctx.dof(place), 0), theta[0])
-        return True
 
 
 def _drives(ctx: Context, place: Place) -> list[tuple[int, float]]:
