@@ -9,8 +9,9 @@ import numpy as np
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
-from mpge_jax.diagnosis.force_balance.needed_force import needed
+from mpge_jax.diagnosis.force_balance.needed_force import Key, Rigid, needed
 from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track
+from mpge_jax.diagnosis.simulation.single_step import Machine
 
 Array = np.ndarray
 BLOCKS = 40
@@ -40,6 +41,7 @@ class Balance:
     block: Array
     fold: Array
     resolution: Resolution
+    _known: list[dict[Key, Rigid]]
 
     @staticmethod
     def of(ctx: Context, tracks: list[Track], resolution: Resolution) -> Balance:
@@ -52,14 +54,23 @@ class Balance:
             first += count
             of += [k] * count
         measured = [_seen(t.force, t.time, resolution.motion) for t in tracks]
-        fold = np.array(of) if len(tracks) >= RECORDINGS else np.arange(first)
-        return Balance(ctx, tracks, np.concatenate(measured), np.concatenate(block), fold % FOLDS, resolution)
+        fold = np.array(of) % FOLDS if len(tracks) >= RECORDINGS else np.arange(first) * FOLDS // first
+        return Balance(
+            ctx,
+            tracks,
+            np.concatenate(measured),
+            np.concatenate(block),
+            fold,
+            resolution,
+            [{} for _ in tracks],
+        )
 
     def predicted(self, parts: dict[Term, Array]) -> Array:
         """Forces [N, nu] that the motion needs, as the measurement would show them."""
-        return np.concatenate(
-            [low_pass(needed(self.ctx, parts, t), t.time, self.resolution.sensor) for t in self.tracks]
-        )
+        machine = Machine.build(self.ctx, tuple(parts), tuple(parts.values()))
+        forces = [needed(machine, t, k) for t, k in zip(self.tracks, self._known, strict=True)]
+        cutoff = self.resolution.sensor
+        return np.concatenate([low_pass(f, t.time, cutoff) for f, t in zip(forces, self.tracks, strict=True)])
 
     def columns(self, parts: dict[Term, Array], term: Term, here: Array) -> Array:
         """Change [p, N, nu] of the predicted force with each parameter of one of the `parts`.

@@ -31,35 +31,35 @@ class Entry:
 
 @dataclass(frozen=True)
 class Bank:
-    """The regression, and which columns are whose."""
+    """The regression, and which columns are whose.
 
+    Attributes:
+        nominal: [N, nu] force that the motion needs in the model as given. made: [P, N, nu] the columns.
+    """
+
+    balance: Balance
+    nominal: Array
+    made: Array
     normal: Normal
     entries: list[Entry]
 
     @staticmethod
     def of(b: Balance, terms: Iterable[Term]) -> Bank:
         """Every term at every start."""
+        starts = [(t, x) for t in terms for x in t.effect.starts(b.ctx, t.place)]
         nominal = b.predicted({})
-        entries: list[Entry] = []
-        columns: list[Array] = []
-        prior, limits = [np.zeros(0)], [np.zeros((2, 0))]
-        for term in terms:
-            params = list(term.params(b.ctx))
-            for start in term.effect.starts(b.ctx, term.place):
-                here = b.predicted({term: start})
-                x, change = b.columns({term: start}, term, here), here - nominal
-                origin = _origin(b.ctx, term, start, x, change)
-                entries.append(Entry(term, origin, range(len(columns), len(columns) + len(params))))
-                columns += list(x)
-                prior.append(prior_widths(params) ** -2.0)
-                limits.append(np.array(bounds(params)) - origin)
-        made = np.array(columns).reshape(-1, *nominal.shape)
-        low, high = np.concatenate(limits, axis=1)
-        normal = Normal.of(made, b.measured - nominal, b.block, b.fold, np.concatenate(prior), low, high)
-        return Bank(normal, entries)
+        return _joined(b, nominal, np.zeros((0, *nominal.shape)), [], starts)
+
+    def near(self, starts: Iterable[tuple[Term, Array]]) -> Bank:
+        """The same with further starting values."""
+        return _joined(self.balance, self.nominal, self.made, self.entries, starts)
 
     def columns(self, entries: Iterable[Entry]) -> list[int]:
         return [c for e in entries for c in e.columns]
+
+    def single(self) -> dict[Term, Array]:
+        """Columns [1, N, nu] of the effects that have one parameter."""
+        return {e.term: self.made[list(e.columns)] for e in self.entries if len(e.columns) == 1}
 
     def parts(self, entries: Iterable[Entry], coefficients: Array) -> dict[Term, Array]:
         """Parameters by term of a solution."""
@@ -68,6 +68,26 @@ class Bank:
             out[e.term] = e.origin + coefficients[at : at + len(e.columns)]
             at += len(e.columns)
         return out
+
+
+def _joined(
+    b: Balance, nominal: Array, made: Array, entries: list[Entry], starts: Iterable[tuple[Term, Array]]
+) -> Bank:
+    entries, columns = list(entries), [made]
+    at = len(made)
+    for term, start in starts:
+        here = b.predicted({term: start})
+        x, change = b.columns({term: start}, term, here), here - nominal
+        entries.append(Entry(term, _origin(b.ctx, term, start, x, change), range(at, at + len(x))))
+        columns.append(x)
+        at += len(x)
+    made = np.concatenate(columns)
+    params = [list(e.term.params(b.ctx)) for e in entries]
+    prior = np.concatenate([np.zeros(0), *(prior_widths(p) ** -2.0 for p in params)])
+    limits = [np.array(bounds(p)) - e.origin for p, e in zip(params, entries, strict=True)]
+    low, high = np.concatenate([np.zeros((2, 0)), *limits], axis=1)
+    normal = Normal.of(made, b.measured - nominal, b.block, b.fold, prior, low, high)
+    return Bank(b, nominal, made, normal, entries)
 
 
 def _origin(ctx: Context, term: Term, start: Array, columns: Array, change: Array) -> Array:

@@ -17,6 +17,7 @@ LEAST = 0.01
 """Share of the squared error that must go with an effect at the actuator where it takes away most."""
 SURE = 3.0
 """Logarithm of the likelihood ratio (20 to 1) from which on one of two hypotheses is the better one."""
+CLEAR = 2.0
 SHOWN = 12
 """Candidates that are judged by stretches that they were not fitted to: those that fit best."""
 GROUPS = (
@@ -81,9 +82,9 @@ class ForceSearch:
         self.least = 1e-8 * normal.square.sum(0) + 1e-300
         self.groups = _groups(self.bank.entries)
 
-    def run(self) -> Found:
-        """The chosen hypothesis, with rivals of each of its terms."""
-        best = self._judge((), self._weights(()))
+    def run(self, chosen: Chosen = ()) -> Found:
+        """The chosen hypothesis, with rivals of each of its terms; the search goes on from what is `chosen`."""
+        best = self._pruned(self._judge(chosen, self._weights(chosen)))
         while len(best.chosen) < self.most:
             weighted = self._weights(best.chosen)
             found = self._best_of(self._moves(best.chosen), best, weighted)
@@ -98,6 +99,10 @@ class ForceSearch:
         weighted = self._weights(best.chosen)
         return Found(best, {e.term: self._rivals(best, e, weighted) for e in best.chosen})
 
+    def parts(self, chosen: Chosen) -> dict[Term, Array]:
+        """Parameters by term, as if all were linear."""
+        return self.bank.parts(chosen, self._weights(chosen).solve(self.bank.columns(chosen)))
+
     def ratio(self, a: Judged, b: Judged) -> float:
         """Logarithm of the likelihood ratio of `a` to `b`."""
         count = self.rows / np.maximum(a.alike, b.alike)
@@ -107,14 +112,16 @@ class ForceSearch:
         share = 1.0 - a.errors / np.maximum(b.errors, 1e-300)
         return self.ratio(a, b) > self.bar and float(share.max(initial=0.0)) > LEAST
 
-    def _needs(self, best: Judged, without: Judged, e: Entry) -> bool:
+    def _needs(self, best: Judged, without: Judged, e: Entry, sure: float) -> bool:
         """Whether `best` needs one of its effects. What other joints have too is likely here: it need not be shown
         beyond doubt, but predict better than nothing in its place."""
         shared = e.term.effect.tier == 1 and any(
             o.term.id == e.term.id and o is not e and o.term.place.kind == e.term.place.kind
             for o in best.chosen
         )
-        return self.ratio(best, without) > 0.0 if shared else self._wins(best, without)
+        if shared:
+            return self.ratio(best, without) > 0.0 or sure > CLEAR
+        return self._wins(best, without)
 
     def _score(self, errors: Array) -> float:
         """Mean logarithm of the actuators' squared errors."""
@@ -169,10 +176,14 @@ class ForceSearch:
         while best.chosen:
             weighted = self._weights(best.chosen)
             best = self._judge(best.chosen, weighted)
+            columns = self.bank.columns(best.chosen)
+            sure = weighted.sureness(columns, best.alike)
+            at = np.cumsum([0, *(len(e.columns) for e in best.chosen)])
             less = [
-                (e, self._judge(tuple(o for o in best.chosen if o is not e), weighted)) for e in best.chosen
+                (e, sure[a:b].max(), self._judge(tuple(o for o in best.chosen if o is not e), weighted))
+                for e, a, b in zip(best.chosen, at[:-1], at[1:], strict=True)
             ]
-            needless = [j for e, j in less if not self._needs(best, j, e)]
+            needless = [j for e, sure, j in less if not self._needs(best, j, e, sure)]
             if not needless:
                 break
             best = max(needless, key=lambda j: self.ratio(j, best))

@@ -70,14 +70,15 @@ class Normal:
         gram, moment, _ = self.by_fold
         grams = np.einsum("u,kupq->kpq", weight, gram, optimize=True)
         moments = np.einsum("u,kup->kp", weight, moment, optimize=True)
-        return Weighted(self, grams, moments)
+        return Weighted(self, weight, grams, moments)
 
 
 @dataclass(frozen=True)
 class Weighted:
-    """Normal equations whose actuators are weighted. grams: [K, P, P]. moments: [K, P]."""
+    """Normal equations whose actuators are weighted. weight: [nu]. grams: [K, P, P]. moments: [K, P]."""
 
     normal: Normal
+    weight: Array
     grams: Array
     moments: Array
 
@@ -86,9 +87,11 @@ class Weighted:
         """grams and moments of all parts but one."""
         return self.grams.sum(0) - self.grams, self.moments.sum(0) - self.moments
 
-    def solve(self, chosen: Sequence[int]) -> Array:
-        """Coefficients of the chosen columns on all parts, within their bounds."""
-        return self._solve(np.array(chosen, dtype=int), *self.all)
+    def solve(self, chosen: Sequence[int], pull: Array | float = 0.0) -> Array:
+        """Coefficients of the chosen columns on all parts, within their bounds. pull: of the prior, where it is not
+        centred on 0."""
+        gram, moment = self.all
+        return self._solve(np.array(chosen, dtype=int), gram, moment, pull)
 
     def alike(self, chosen: Sequence[int]) -> Array:
         """How many neighbouring rows have one error in common [nu], in the fit to all parts: the mean square of the
@@ -100,6 +103,16 @@ class Weighted:
         longest = n.rows.sum(0) / len(n.rows)
         return np.clip(common, 1.0, np.maximum(longest, 1.0))
 
+    def sureness(self, chosen: Sequence[int], alike: Array) -> Array:
+        """Each coefficient of the fit to all parts over its standard deviation, if `alike` [nu] neighbouring rows have
+        one error in common."""
+        index = np.array(chosen, dtype=int)
+        gram, prior = self.normal.pooled[0][:, index[:, None], index], np.diag(self.normal.prior[index])
+        information, spread = (np.einsum("u,upq->pq", w, gram) for w in (self.weight, self.weight * alike))
+        inverse = np.linalg.pinv(information + prior, hermitian=True)
+        covariance = inverse @ (spread + prior) @ inverse
+        return np.abs(self.solve(chosen)) / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+
     def left(self, chosen: Sequence[int]) -> Array:
         """Squared errors [nu] of the fit to all parts."""
         index = np.array(chosen, dtype=int)
@@ -110,10 +123,10 @@ class Weighted:
         """Weighted gram [P, P] and moment of all parts."""
         return self.grams.sum(0), self.moments.sum(0)
 
-    def _solve(self, index: Array, gram: Array, moment: Array) -> Array:
+    def _solve(self, index: Array, gram: Array, moment: Array, pull: Array | float = 0.0) -> Array:
         n = self.normal
         reduced = gram[np.ix_(index, index)] + np.diag(n.prior[index])
-        return bounded(reduced, moment[index], n.low[index], n.high[index])
+        return bounded(reduced, moment[index] + pull, n.low[index], n.high[index])
 
     def predicted(self, chosen: Sequence[int]) -> Array:
         """Squared errors [nu] of all parts, each with coefficients from the others."""

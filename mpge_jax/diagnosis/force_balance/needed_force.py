@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 from scipy.special import erf
 
 from mpge_jax.diagnosis.effects.base import Effect
-from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.friction.damping import ExplicitDamping
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.step import Forces, Step
@@ -18,6 +19,12 @@ from mpge_jax.diagnosis.simulation.single_step import Machine
 Array = np.ndarray
 MEASURES = ("actuator_gain", "actuator_bias")
 """Effects of actuators that say how their force is measured: its scale and its zero."""
+NOT_RIGID = {
+    "dof_frictionloss", "dof_solref", "dof_solimp", "dof_dampingpoly",
+    "actuator_gainprm", "actuator_biasprm", "actuator_biastype", "actuator_forcerange",
+}  # fmt: skip
+"""Fields of effects that leave the inverse dynamics without dry friction as they are."""
+Key = tuple[Any, ...]
 ROUNDS = 3
 """Fixed-point rounds for friction that depends on the force itself."""
 
@@ -36,31 +43,49 @@ def can_ask(term: Term) -> bool:
     return not e.jagged and not isinstance(e, ExplicitDamping) and (not remembers or e.traced)
 
 
-def needed(ctx: Context, parts: dict[Term, Array], track: Track) -> Array:
-    """Actuator forces [T, nu], before the gear, that the motion needs.
+def needed(machine: Machine, track: Track, known: dict[Key, Rigid] | None = None) -> Array:
+    """Actuator forces [T, nu], before the gear, that the motion needs in a machine with its effects.
 
     Dry friction acts against the motion as surely as its direction is known: its share is the expectation of sgn v
-    under the smoother's uncertainty, which is 0 at rest, where friction holds with any force up to its level.
+    under the track's uncertainty, which is 0 at rest, where friction holds with any force up to its level.
 
     Args:
-        parts: effects with their parameters.
+        known: keeps the inverse dynamics of this track for the next call.
     """
-    machine = Machine.build(ctx, tuple(parts), tuple(parts.values()))
-    for term, theta in parts.items():
+    model, ctx = machine.model, machine.ctx
+    for term, theta in zip(machine.terms, machine.thetas, strict=True):
         if term.effect.senses:
-            track = track.sensed(ctx.qadr(term.place), ctx.dof(term.place), *term.effect.sense(theta))
-    model = machine.model
-    bodies = sorted({t.place.index for t, _ in machine.runtime if t.place.kind == "body"})
-    rigid = _Rigid(model, track, bodies)
+            track, known = (
+                track.sensed(ctx.qadr(term.place), ctx.dof(term.place), *term.effect.sense(theta)),
+                None,
+            )
+    rigid = _rigid(machine, track, {} if known is None else known)
     sign = erf(track.v / (np.sqrt(2.0) * np.maximum(track.unsure, 1e-9)))
-    force = rigid.by_actuator(rigid.needed + model.dof_frictionloss * sign)
+    force = rigid.by_actuator(model, rigid.needed + model.dof_frictionloss * sign)
     for _ in range(ROUNDS if machine.runtime else 0):
         pushed, dry = _runtime(machine, track, rigid, force)
-        force = rigid.by_actuator(rigid.needed + dry * sign - pushed)
+        force = rigid.by_actuator(model, rigid.needed + dry * sign - pushed)
     return force
 
 
-class _Rigid:
+def _rigid(machine: Machine, track: Track, known: dict[Key, Rigid]) -> Rigid:
+    """The inverse dynamics, computed anew where an effect changes more than dry friction and what actuators show."""
+    bodies = sorted({t.place.index for t, _ in machine.runtime if t.place.kind == "body"})
+    changed = [
+        (str(t), x.tobytes())
+        for t, x in zip(machine.terms, machine.thetas, strict=True)
+        if not set(t.effect.fields) <= NOT_RIGID
+    ]
+    key = (*changed, *bodies)
+    if key not in known:
+        # most calls differ in nothing else from the model as given, or from the last call
+        for old in list(known)[1:]:
+            del known[old]
+        known[key] = Rigid(machine.model, track, bodies)
+    return known[key]
+
+
+class Rigid:
     """Inverse dynamics of one model without dry friction along a track.
 
     Attributes:
@@ -69,7 +94,7 @@ class _Rigid:
     """
 
     def __init__(self, model: mujoco.MjModel, track: Track, bodies: list[int]) -> None:
-        self.model, rows = model, len(track.time)
+        rows = len(track.time)
         loss = model.dof_frictionloss.copy()
         model.dof_frictionloss[:] = 0.0
         data = mujoco.MjData(model)
@@ -95,16 +120,16 @@ class _Rigid:
         self.driven = np.abs(moment).max(axis=(0, 1), initial=0.0) > 0
         self.inverse = np.linalg.pinv(np.swapaxes(moment[:, :, self.driven], 1, 2))
 
-    def by_actuator(self, needed: Array) -> Array:
+    def by_actuator(self, model: mujoco.MjModel, needed: Array) -> Array:
         """Measured forces [T, nu] whose moments make up generalised forces [T, nv], as nearly as the actuators can:
         what an actuator of the model gives is its gain times what was measured, and its bias."""
         force = (self.inverse @ needed[:, self.driven, None])[..., 0]
-        gain, bias = self.model.actuator_gainprm[:, 0], self.model.actuator_biasprm[:, 0]
-        affine = self.model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+        gain, bias = model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 0]
+        affine = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
         return (force - np.where(affine, bias, 0.0)) / np.where(gain == 0.0, np.inf, gain)
 
 
-def _runtime(machine: Machine, track: Track, rigid: _Rigid, force: Array) -> tuple[Array, Array]:
+def _runtime(machine: Machine, track: Track, rigid: Rigid, force: Array) -> tuple[Array, Array]:
     """Generalised forces [T, nv] of the effects that act at every step, and levels [T, nv] of dry friction."""
     model = machine.model
     wide, none = np.full(model.nu, 1e12), np.zeros_like(force)

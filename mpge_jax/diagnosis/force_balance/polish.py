@@ -17,8 +17,13 @@ ENOUGH = 1e-4
 SHORTER = (1.0, 0.3, 0.1, 0.02)
 
 
-def polished(b: Balance, parts: dict[Term, Array]) -> Fitted:
-    """The best parameters near `parts`; their covariance allows for errors that neighbouring rows share."""
+def polished(b: Balance, parts: dict[Term, Array], known: dict[Term, Array] | None = None) -> Fitted:
+    """The best parameters near `parts`; their covariance allows for errors that neighbouring rows share.
+
+    Args:
+        known: columns [1, N, nu] of effects of one parameter, which change little on the way.
+    """
+    known = dict(known or {})
     h = Hypothesis.of(*parts)
     params = h.params(b.ctx)
     prior = prior_widths(params) ** -2.0
@@ -35,11 +40,13 @@ def polished(b: Balance, parts: dict[Term, Array]) -> Fitted:
     variance = _variance(b.measured - here)
     for last in range(STEPS):
         split = h.split(b.ctx, theta)
-        columns = np.concatenate([b.columns(split, t, here) for t in h.terms])
+        each = {t: known[t] if t in known else b.columns(split, t, here) for t in h.terms}
+        known |= {t: x for t, x in each.items() if len(x) == 1}
+        columns = np.concatenate([each[t] for t in h.terms])
         normal = Normal.of(columns, b.measured - here, b.block, b.fold, prior, low - theta, high - theta)
         weight = np.where(normal.rows.sum(0) > 0, 1.0 / variance, 0.0)
         weighted = normal.weighted(weight)
-        step = weighted.solve(range(len(theta)))
+        step = weighted.solve(range(len(theta)), prior * (centre - theta))
         before = _loss(b.measured - here, variance) + prior_loss(params, theta, centre, 1)
         for share in SHORTER:
             trial = np.clip(theta + share * step, low, high)

@@ -1,0 +1,103 @@
+"""What the forces need, decided on training recordings: search and fit in turns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.candidates import all_terms
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.force_balance.balance import Balance
+from mpge_jax.diagnosis.force_balance.bank import Bank
+from mpge_jax.diagnosis.force_balance.force_search import Chosen, ForceSearch, Found
+from mpge_jax.diagnosis.force_balance.needed_force import can_ask
+from mpge_jax.diagnosis.force_balance.polish import polished
+from mpge_jax.diagnosis.force_balance.resolution import choose
+from mpge_jax.diagnosis.force_balance.tracks import tracks
+
+Array = np.ndarray
+PLAIN = ("coulomb_friction", "viscous_damping", "armature", "actuator_bias")
+"""Effects of the regression by which the resolution is chosen."""
+ROWS = 3000
+"""Most rows of a search."""
+MOST = 40
+"""Most effects."""
+TURNS = 3
+"""Most turns of search and fit."""
+SEEN = 2.0
+"""Standard deviations from nothing below which a parameter says nothing."""
+
+
+@dataclass(frozen=True)
+class ForceDecision:
+    """What was found.
+
+    Attributes:
+        balance: the training recordings. fit: with parameters as the machine itself gives them. search, found: its last
+        turn, with rivals in linearised form.
+    """
+
+    balance: Balance
+    fit: Fitted
+    search: ForceSearch
+    found: Found
+
+
+def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
+    """Effects whose forces the training recordings need.
+
+    The search takes every effect as linear near a few starting values; the fit then moves them to where they belong,
+    and the search goes on from there, until it stays with what it has.
+    """
+    terms = [t for t in all_terms(p.ctx, p.config.effects) if can_ask(t)]
+    resolution = choose(p, [t for t in terms if t.id in PLAIN])
+    b = Balance.of(p.ctx, tracks(p, p.train_sources, ROWS, resolution), resolution)
+    say(f"{len(b.measured)} rows of measured force; {len(terms)} effects at their places are tried")
+    bank, chosen = Bank.of(b, terms), ()
+    most = MOST if p.config.max_effects is None else p.config.max_effects
+    log: list[str] = []
+    for _ in range(TURNS):
+        search = ForceSearch(bank, say, log, most)
+        found = search.run(chosen)
+        fit = fitted(bank, search.parts(found.best.chosen))
+        if {e.term for e in chosen} == set(fit.hypothesis.terms):
+            break
+        parts = fit.hypothesis.split(p.ctx, fit.theta)
+        bank = bank.near((t, x) for t, x in parts.items() if len(x) > 1)
+        chosen = _entries(bank, parts)
+    return ForceDecision(b, fit, search, found)
+
+
+def fitted(bank: Bank, parts: dict[Term, Array]) -> Fitted:
+    """The best parameters near `parts`, without effects that end up as nothing."""
+    b, known = bank.balance, bank.single()
+    while True:
+        f = polished(b, parts, known)
+        parts = f.hypothesis.split(b.ctx, f.theta)
+        sure = {t: sureness(b, f, t) for t in parts}
+        if not sure or min(sure.values()) > SEEN:
+            return f
+        # one at a time: of two that are hard to tell apart, neither may seem sure
+        del parts[min(sure, key=lambda t: sure[t])]
+
+
+def sureness(b: Balance, f: Fitted, term: Term) -> float:
+    """By how many standard deviations an effect's parameters differ from those at which it is nothing, or a plainer
+    one that it contains."""
+    part = f.hypothesis.slices(b.ctx)[f.hypothesis.terms.index(term)]
+    contrasts = term.effect.contrasts(b.ctx, term.place)
+    if not len(contrasts):
+        return np.inf
+    off = contrasts @ (f.theta[part] - term.effect.null(b.ctx, term.place))
+    variance = np.einsum("kp,pq,kq->k", contrasts, f.cov[part, part], contrasts)
+    return float((np.abs(off) / np.sqrt(np.maximum(variance, 1e-300))).max())
+
+
+def _entries(bank: Bank, parts: dict[Term, Array]) -> Chosen:
+    """The last entry of every term: that at its fitted parameters."""
+    last = {e.term: e for e in bank.entries}
+    return tuple(last[t] for t in parts)
