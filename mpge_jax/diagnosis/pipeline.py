@@ -16,6 +16,8 @@ from mpge_jax.diagnosis.diagnosis import Diagnosis
 from mpge_jax.diagnosis.drives.driven_machine import driven_as_found
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.evidence.scored import Reached
+from mpge_jax.diagnosis.force_balance import procedure as force_balance
+from mpge_jax.diagnosis.force_balance.tracks import motion_is_given
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
 from mpge_jax.diagnosis.recordings.reader import read
@@ -23,6 +25,7 @@ from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.selection import checkpoint
 from mpge_jax.diagnosis.selection.procedure import decide
 from mpge_jax.diagnosis.selection.setup import build_search, check_windows
+from mpge_jax.diagnosis.verdict.force_judgement import judge_forces
 from mpge_jax.diagnosis.verdict.judgement import judge
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -79,9 +82,16 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
     that leaves. Then the delays, and after them the zeros, are estimated again given that physics; where they moved,
     the search goes on from what it has on recordings read anew. So it ends after three decisions at most.
 
+    Where motion and force were recorded and no commands, nothing is simulated: the forces decide.
+
     Args:
         p: recordings as prepared. plain: the nominal model. progress: see `diagnose`.
     """
+    if motion_is_given(p):
+        say(
+            "no commands were recorded: the forces that the motion needs are compared with those that were measured"
+        )
+        return judge_forces(p, force_balance.decide(p, say), say)
     p, drives = driven_as_found(p, plain)
     measurement = MeasurementModel.without_physics(p, {} if drives is None else drives.late(plain))
     p = measurement.read()

@@ -18,6 +18,11 @@ LEAST = 0.01
 SURE = 3.0
 """Logarithm of the likelihood ratio (20 to 1) from which on one of two hypotheses is the better one."""
 CLEAR = 2.0
+"""Standard deviations from which on what other joints have too is seen at this one."""
+DISTINCT = 1e-3
+"""Share of a direction's squared force that no other gives, from which on it is one of its own."""
+EXCHANGES = 6
+"""Most effects that are exchanged for a rival."""
 SHOWN = 12
 """Candidates that are judged by stretches that they were not fitted to: those that fit best."""
 GROUPS = (
@@ -84,7 +89,20 @@ class ForceSearch:
 
     def run(self, chosen: Chosen = ()) -> Found:
         """The chosen hypothesis, with rivals of each of its terms; the search goes on from what is `chosen`."""
-        best = self._pruned(self._judge(chosen, self._weights(chosen)))
+        best = self._grown(self._pruned(self._judge(chosen, self._weights(chosen))))
+        for _ in range(EXCHANGES):
+            weighted = self._weights(best.chosen)
+            rivals = {e.term: self._rivals(best, e, weighted) for e in best.chosen}
+            better = [r for each in rivals.values() for r in each if self._wins(r, best)]
+            if not better:
+                break
+            exchanged = self._pruned(max(better, key=lambda r: self.ratio(r, best)))
+            if self.ratio(exchanged, best) <= 0.0:
+                break
+            best = self._grown(exchanged)
+        return Found(best, {t: r for t, r in rivals.items() if any(e.term == t for e in best.chosen)})
+
+    def _grown(self, best: Judged) -> Judged:
         while len(best.chosen) < self.most:
             weighted = self._weights(best.chosen)
             found = self._best_of(self._moves(best.chosen), best, weighted)
@@ -95,9 +113,8 @@ class ForceSearch:
                 break
             best = pruned
             self.log.append(f"forces: {hypothesis_of(best.chosen)}")
-            self.say(f"the forces need {len(best.chosen)} effects")
-        weighted = self._weights(best.chosen)
-        return Found(best, {e.term: self._rivals(best, e, weighted) for e in best.chosen})
+            self.say(f"{len(best.chosen)} effects so far")
+        return best
 
     def parts(self, chosen: Chosen) -> dict[Term, Array]:
         """Parameters by term, as if all were linear."""
@@ -111,6 +128,13 @@ class ForceSearch:
     def _wins(self, a: Judged, b: Judged) -> bool:
         share = 1.0 - a.errors / np.maximum(b.errors, 1e-300)
         return self.ratio(a, b) > self.bar and float(share.max(initial=0.0)) > LEAST
+
+    def directions(self, e: Entry) -> int:
+        """How many different forces an effect can give along these motions."""
+        index = np.array(e.columns, dtype=int)
+        gram = self.bank.normal.pooled[0][:, index[:, None], index].sum(0)
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        return int((np.linalg.eigvalsh(gram / scale[:, None] / scale) > DISTINCT).sum())
 
     def _needs(self, best: Judged, without: Judged, e: Entry, sure: float) -> bool:
         """Whether `best` needs one of its effects. What other joints have too is likely here: it need not be shown

@@ -57,7 +57,8 @@ def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
     resolution = choose(p, [t for t in terms if t.id in PLAIN])
     b = Balance.of(p.ctx, tracks(p, p.train_sources, ROWS, resolution), resolution)
     say(f"{len(b.measured)} rows of measured force; {len(terms)} effects at their places are tried")
-    bank, chosen = Bank.of(b, terms), ()
+    bank = Bank.of(b, terms)
+    chosen: Chosen = ()
     most = MOST if p.config.max_effects is None else p.config.max_effects
     log: list[str] = []
     for _ in range(TURNS):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mpge_jax import files
 from mpge_jax.diagnosis.corrected.mjcf import write_models
-from mpge_jax.diagnosis.report.figures import draw
+from mpge_jax.diagnosis.report.figures.every_figure import draw
 from mpge_jax.diagnosis.report.html_page import page
 from mpge_jax.diagnosis.report.next_experiment import design
 from mpge_jax.diagnosis.report.tables import diagnosis_table, effects_table

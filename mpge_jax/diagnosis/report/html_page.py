@@ -8,8 +8,10 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
-from mpge_jax.diagnosis.report.force_errors import motion_is_given
+from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.html_sections import given, pasted
 from mpge_jax.diagnosis.report.html_sections import table as table_of
 from mpge_jax.diagnosis.report.sentences import beside_noise, times, unit_of_joint, worse_without
@@ -186,9 +188,23 @@ def _next(d: Result) -> str:
 
 def _predicted(d: Result, table: dict[str, Any]) -> str:
     """What the errors are errors of."""
-    if motion_is_given(d):
-        return "the actuator forces that the recorded motion needs, by inverse dynamics"
+    if isinstance(d.held, ForceErrors):
+        return f"the actuator forces that the recorded motion needs, by inverse dynamics{_resolved(d.held)}"
     return f"predicting the motion over windows of {table['fit']['window_s']:.2g} s, open loop"
+
+
+def _resolved(e: ForceErrors) -> str:
+    """How finely motion and force were compared, where that is less than as recorded."""
+    r = e.balance.resolution
+    parts = [
+        text
+        for text, value in (
+            (f"of motion below {r.motion:.2g} Hz", r.motion),
+            (f"as a sensor shows them that follows {r.sensor:.2g} Hz", r.sensor),
+        )
+        if np.isfinite(value)
+    ]
+    return f" ({', '.join(parts)})" if parts else ""
 
 
 def page(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
+from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.sentences import effect_rows
 from mpge_jax.diagnosis.report.tables import diagnosis_table
 from mpge_jax.diagnosis.verdict.result import Result
@@ -23,6 +26,23 @@ def window_errors(report: FitReport, after: bool) -> Array:
     )
 
 
+def _by_joint(d: Result, table: dict[str, Any]) -> list[str]:
+    """The section with a row for every joint."""
+    names, held = table["fit"]["held_out"]["recordings"], d.held
+    if isinstance(held, ForceErrors):
+        head = ["", "## Held-out forces", "", f"{len(held.balance.measured)} rows of {', '.join(names)}.", ""]
+        head += ["| joint | rms error as given | rms error corrected | ratio |", "|---|---|---|---|"]
+        rows = [(name, *errors) for name, errors in table["fit"]["held_out"]["per_joint"].items()]
+    else:
+        head = ["", f"## Held-out windows of {table['fit']['window_s']} s", ""]
+        head += [f"{held.windows.count} windows of {', '.join(names)}.", ""]
+        head += ["| joint | median error as given | median error corrected | ratio |", "|---|---|---|---|"]
+        before, after = window_errors(held, False), window_errors(held, True)
+        dofs = map(int, np.flatnonzero(np.isfinite(before)))
+        rows = [(d.prepared.names.joint_of_dof(d.prepared.model, k), before[k], after[k]) for k in dofs]
+    return head + [f"| {name} | {a:.4g} | {b:.4g} | {a / b:.1f} |" for name, a, b in rows]
+
+
 def markdown(d: Result, title: str, command: str) -> str:
     """A page: the sentences, effects with intervals, held-out errors, warnings, and how it was made."""
     table = diagnosis_table(d)
@@ -39,15 +59,7 @@ def markdown(d: Result, title: str, command: str) -> str:
         "|---|---|---|---|---|---|",
     ]
     lines += [f"| {' | '.join(row)} |" for row in effect_rows(table)]
-    held = d.held
-    before, after = window_errors(held, False), window_errors(held, True)
-    span = table["fit"]["window_s"]
-    lines += ["", f"## Held-out windows of {span} s", ""]
-    lines += [f"{held.windows.count} windows of {', '.join(table['fit']['held_out']['recordings'])}.", ""]
-    lines += ["| joint | median error as given | median error corrected | ratio |", "|---|---|---|---|"]
-    for dof in map(int, np.flatnonzero(np.isfinite(before))):
-        name = d.prepared.names.joint_of_dof(d.prepared.model, dof)
-        lines.append(f"| {name} | {before[dof]:.4g} | {after[dof]:.4g} | {before[dof] / after[dof]:.1f} |")
+    lines += _by_joint(d, table)
     fit = table["fit"]["held_out"]
     lines += [
         "",

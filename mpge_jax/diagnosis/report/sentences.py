@@ -11,9 +11,9 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import parameters
 from mpge_jax.diagnosis.estimation.quantities import clause, intervals, quantity
+from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
-from mpge_jax.diagnosis.report.force_errors import force_errors, motion_is_given
-from mpge_jax.diagnosis.verdict.result import Result, candidates_of
+from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, candidates_of
 
 OVERESTIMATED = 1.5
 """How many times what is left the noise's estimate may be for that to pass as noise. Errors of windows scatter; beyond
@@ -60,18 +60,22 @@ def explanation(d: Result) -> str:
         )
     if d.terms or (d.actuators is not None and d.actuators.fits):
         parts.append(_gain(d))
+    if d.remainder > 0:
+        parts.append(
+            f"A remainder of {100 * d.remainder:.2g} % of the squared error is more than noise; too slight to change "
+            "what is named."
+        )
     return " ".join(parts)
 
 
 def _gain(d: Result) -> str:
     """How much better held-out recordings are predicted."""
     unit = error_unit(d)
-    if motion_is_given(d):
-        e = force_errors(d, held=True)
-        what, before, after, noise = "actuator force that the motion needs", e.before, e.after, e.floor
+    before, after, noise = before_after_noise(d.held)
+    if isinstance(d.held, ForceErrors):
+        what = "actuator force that the motion needs"
     else:
         what = f"motion over {d.held.windows.times.max():.2g} s"
-        before, after, noise = d.held.before.rms, d.held.after.rms, d.held.floor
     return (
         f"On recordings that were not used for fitting, the error of the predicted {what} {moves(before, after, unit)} "
         f"({beside_noise(after, noise, unit)})."
@@ -128,7 +132,7 @@ def error_unit(d: Result) -> str:
         for q in m.jnt_qposadr
     ]
     kinds = set(m.jnt_type[measured].tolist())
-    if motion_is_given(d):
+    if isinstance(d.held, ForceErrors):
         driven = [a for a in map(int, np.flatnonzero(d.prepared.measured)) if is_joint_transmission(m, a)]
         kinds = {int(m.jnt_type[m.actuator_trnid[a, 0]]) for a in driven}
         hinge = int(mujoco.mjtJoint.mjJNT_HINGE)
@@ -153,7 +157,7 @@ def unit_of_joint(d: Result, name: str) -> str:
         return error_unit(d)
     dofs, number = np.flatnonzero(m.dof_jntid == names.joints.index(joint)), name.removeprefix(f"{joint}:")
     unit = unit_of_motion(m, int(next((dof for dof in dofs if str(dof) == number), dofs[0])))
-    return {"m": "N", "rad": "N m"}[unit] if motion_is_given(d) else unit
+    return {"m": "N", "rad": "N m"}[unit] if isinstance(d.held, ForceErrors) else unit
 
 
 def _differing(d: Result, f: Fitted, term: Term) -> Term:

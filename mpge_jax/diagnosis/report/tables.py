@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,11 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number, parameters
 from mpge_jax.diagnosis.estimation.prediction_error import errors
+from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
-from mpge_jax.diagnosis.report.force_errors import force_errors, motion_is_given
 from mpge_jax.diagnosis.report.sentences import error_unit, explanation, separation
 from mpge_jax.diagnosis.verdict.location import locate
-from mpge_jax.diagnosis.verdict.result import Result, candidates_of
+from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, candidates_of
 
 Array = np.ndarray
 
@@ -84,28 +83,23 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
 
 
 def _window(d: Result) -> float:
-    """Length of the windows of the errors; rows seldom fall on its end."""
+    """Length of the windows of the errors, on whose end rows seldom fall; of forces, from row to row."""
+    if isinstance(d.held, ForceErrors):
+        return d.ctx.period
     longest = float(d.held.windows.times.max())
     return d.config.report_s if abs(longest - d.config.report_s) < 0.05 * d.config.report_s else longest
 
 
 def _held_out(d: Result, f: Fitted) -> float | None:
-    """Held-out error of another fit, of which only the search's windows decided the parameters; null where the errors
-    are those of forces and `f` does not let them be computed."""
-    if not motion_is_given(d):
-        return number(errors(d.prepared.sim, f, d.held.windows).rms)
-    other = replace(d, fit=f)
-    return number(force_errors(other, held=True).after) if motion_is_given(other) else None
+    """Held-out error of another fit, of which only the search decided the parameters."""
+    if isinstance(d.held, ForceErrors):
+        return number(d.held.of(f))
+    return number(errors(d.prepared.sim, f, d.held.windows).rms)
 
 
 def _fit(d: Result, held: bool) -> dict[str, Any]:
     sources = d.prepared.held_sources if held else d.prepared.train_sources
-    if motion_is_given(d):
-        e = force_errors(d, held)
-        before, after, noise = e.before, e.after, e.floor
-    else:
-        r = d.held if held else d.train
-        before, after, noise = r.before.rms, r.after.rms, r.floor
+    before, after, noise = before_after_noise(d.held if held else d.train)
     return {
         "recordings": [s.recording.name for s in sources],
         "before": number(before),
@@ -118,15 +112,15 @@ def _per_joint(d: Result) -> dict[str, list[float | None]]:
     """Held-out errors (before, after) by joint; where forces are predicted, by the joint that each actuator drives."""
     m, names = d.prepared.model, d.prepared.names
     out: dict[str, list[float | None]] = {}
-    if motion_is_given(d):
-        e = force_errors(d, held=True)
+    r = d.held
+    if isinstance(r, ForceErrors):
+        before, after = r.each_before, r.each_after
         for a in map(int, np.flatnonzero(d.prepared.measured)):
             direct = is_joint_transmission(m, a)
             name = names.joints[int(m.actuator_trnid[a, 0])] if direct else names.actuators[a]
             key = name if name not in out else f"{name}:{names.actuators[a]}"
-            out[key] = [number(e.each_before[a]), number(e.each_after[a])]
+            out[key] = [number(before[a]), number(after[a])]
         return out
-    r = d.held
     for dof in range(m.nv):
         if np.isnan(r.before.joint[dof]):
             continue

@@ -21,7 +21,8 @@ def summary(table: dict[str, Any]) -> str:
         rows = [[f"held-out error ({table['fit']['unit']})", "model as given", "corrected"]]
         rows += [[name, f"{a:.3g}", f"{b:.3g}"] for name, (a, b) in fit["per_joint"].items()]
         parts.append(_aligned(rows))
-        parts.append(f"(rms over {table['fit']['window_s']:g} s pieces of {', '.join(fit['recordings'])})")
+        of = "the force" if "N" in table["fit"]["unit"] else f"{table['fit']['window_s']:g} s pieces"
+        parts.append(f"(rms over {of} of {', '.join(fit['recordings'])})")
     parts += [textwrap.fill(f"warning: {w}", WIDTH) for w in table["warnings"]]
     return "\n\n".join(map(_printable, parts))
 

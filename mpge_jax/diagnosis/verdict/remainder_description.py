@@ -73,7 +73,7 @@ def _likeliest(missing: tuple[Probed, Probed], dofs: list[int]) -> list[int]:
     return [dofs[d] for d in (first, *near)]
 
 
-def _when(force: Array, clues: dict[str, Array], directions: tuple[str, str]) -> str:
+def in_words(force: Array, clues: dict[str, Array], directions: tuple[str, str]) -> str:
     """On what the size of missing force [W] depends, and which way it acts, in words."""
     found = {k: _rank_correlation(np.abs(force), v) for k, v in clues.items()}
     name, strength = max(found.items(), key=lambda x: abs(x[1]))
@@ -127,7 +127,7 @@ def describe(p: Prepared, left: Remainder, share: float) -> dict[str, Any]:
         missing = missing * np.sign(gain * w.command[:, w.history :, actuator].mean(1))
         clues = {"time since the start": w.start, **sizes}
         directions = ("adds to its force", "takes from its force")
-    when = _when(missing, clues, directions)
+    when = in_words(missing, clues, directions)
     top = np.argsort(-left.left.losses[: w.count])[: min(8, w.count)]
     length = w.times.max(1)
     intervals = []

@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.evidence.scored import Rival
+from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 
 
 @dataclass(frozen=True)
@@ -23,9 +24,11 @@ class Result:
         verdict: "effects", "ambiguous", "unexplained" or "none".
         fit: the chosen effects with parameters and covariances. rivals: alternatives by term.
         error_drop: share of the held-out squared error that goes with each term, the others kept.
-        train, held: errors before and after. location: (place, kind, excess), largest first.
+        train, held: errors before and after; of forces where the motion is given and
+        they are predicted, else of motion. location: (place, kind, excess), largest first.
         unexplained: what is left, or None. actuators: what was found between command and measured force.
-        log: what was tried, line by line. seconds: how long it took.
+        log: what was tried, line by line. seconds: how long it took. remainder: share of the held-out squared error
+        that is more than noise, and too slight to change the verdict.
     """
 
     verdict: str
@@ -33,8 +36,8 @@ class Result:
     fit: Fitted
     rivals: dict[Term, list[Rival]]
     error_drop: dict[Term, float]
-    train: FitReport
-    held: FitReport
+    train: FitReport | ForceErrors
+    held: FitReport | ForceErrors
     location: list[tuple[str, str, float]]
     unexplained: dict[str, Any] | None
     warnings: list[str]
@@ -42,6 +45,7 @@ class Result:
     log: list[str] = field(default_factory=list)
     actuators: ActuatorSide | None = None
     seconds: float = 0.0
+    remainder: float = 0.0
 
     @property
     def ctx(self) -> Context:
@@ -60,3 +64,10 @@ def candidates_of(d: Result) -> dict[Term, list[Fitted]]:
         if tied:
             out[term] = [d.fit, *tied]
     return out
+
+
+def before_after_noise(report: FitReport | ForceErrors) -> tuple[float, float, float]:
+    """Root-mean-square errors of the model as given and of the corrected one, and what noise alone leaves."""
+    if isinstance(report, ForceErrors):
+        return report.before, report.after, report.floor
+    return report.before.rms, report.after.rms, report.floor

@@ -6,6 +6,7 @@ import jax
 import mujoco
 import numpy as np
 import pytest
+from mpge_jax.diagnosis.report.force_errors import _velocities
 
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.corrected import CorrectedModel
@@ -19,7 +20,6 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.recordings.states import States
-from mpge_jax.diagnosis.report.force_errors import _velocities
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import follows

@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.estimation.intervals import parameters
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.machine.model import compile_variable
-from mpge_jax.diagnosis.report.figures import _span
+from mpge_jax.diagnosis.report.figures.motion_figures import _span
 from mpge_jax.diagnosis.report.html_page import _drives
 from mpge_jax.diagnosis.report.html_sections import changes, pasted
 from mpge_jax.diagnosis.report.markdown_page import window_errors

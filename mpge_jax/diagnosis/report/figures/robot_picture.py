@@ -12,8 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mpge_jax.diagnosis.machine.model import names_of
-from mpge_jax.diagnosis.report.marks import Mark, Spot, find
-from mpge_jax.diagnosis.report.robot_render import Picture, render
+from mpge_jax.diagnosis.report.figures.marks import Mark, Spot, find
+from mpge_jax.diagnosis.report.figures.robot_render import Picture, render
 
 Array = np.ndarray
 _MARK = "#d62718"

@@ -13,8 +13,8 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.report import figures, robot_picture, robot_render
-from mpge_jax.diagnosis.report.marks import Mark, find
+from mpge_jax.diagnosis.report.figures import every_figure, robot_picture, robot_render
+from mpge_jax.diagnosis.report.figures.marks import Mark, find
 from tests.diagnosis.machines import ARM, BOX, PENDULUM
 
 NOTHING = np.zeros((0, 3))
@@ -168,7 +168,7 @@ def test_every_place_that_is_named_is_marked():
         unexplained={"at": ["elbow_servo", "fore"]},
         prepared=SimpleNamespace(names=names),
     )
-    assert figures.marks(d) == [
+    assert every_figure.marks(d) == [
         Mark("joint", 1, "elbow\ncoulomb friction"),
         Mark("joint", 0, "shoulder\nor viscous damping"),
         Mark("actuator", 0, "shoulder_motor\nactuator gain"),
@@ -185,5 +185,5 @@ def test_names_with_dollar_signs_are_no_formulas(tmp_path, monkeypatch):
     term = Term("coulomb_friction", place)
     d = SimpleNamespace(terms=(term,), fit=_fit(term), rivals={}, actuators=None, unexplained=None)
     path = tmp_path / "robot.png"
-    robot_picture.robot(spec, compile_variable(spec), np.zeros((1, 1)), figures.marks(d), path)
+    robot_picture.robot(spec, compile_variable(spec), np.zeros((1, 1)), every_figure.marks(d), path)
     assert path.stat().st_size > 1000

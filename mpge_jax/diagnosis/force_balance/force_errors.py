@@ -1,0 +1,117 @@
+"""Errors of the forces that a recorded motion needs, in the model as given and in the corrected one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.force_balance.balance import Balance
+from mpge_jax.diagnosis.force_balance.tracks import Resolution, tracks
+from mpge_jax.diagnosis.recordings.noise_level import column_noise
+from mpge_jax.diagnosis.recordings.states import estimate
+from mpge_jax.diagnosis.simulation.drive_signal import Source
+
+Array = np.ndarray
+ROWS = 6000
+"""Most rows that are predicted, over all recordings together."""
+
+
+@dataclass(frozen=True)
+class ForceErrors:
+    """Predicted actuator forces of some recordings beside what was measured; errors are root mean squares.
+
+    Attributes:
+        given, corrected: [N, nu] predicted by either model. floors: [nu] errors that noise alone leaves.
+    """
+
+    balance: Balance
+    given: Array
+    corrected: Array
+    floors: Array
+
+    @property
+    def before(self) -> float:
+        return self._rms(self.given)
+
+    @property
+    def after(self) -> float:
+        return self._rms(self.corrected)
+
+    @property
+    def floor(self) -> float:
+        seen = np.isfinite(self.floors)
+        return float(np.sqrt((self.floors[seen] ** 2).mean()))
+
+    @property
+    def each_before(self) -> Array:
+        """[nu]; NaN where no force was measured."""
+        return rms(self.given - self.balance.measured)
+
+    @property
+    def each_after(self) -> Array:
+        return rms(self.corrected - self.balance.measured)
+
+    @property
+    def size(self) -> Array:
+        """Root mean square [nu] of the measured forces."""
+        return rms(self.balance.measured)
+
+    def of(self, f: Fitted) -> float:
+        """Error of another fit."""
+        return self._rms(self.balance.predicted(f.hypothesis.split(self.balance.ctx, f.theta)))
+
+    def _rms(self, predicted: Array) -> float:
+        wrong = predicted - self.balance.measured
+        return float(np.sqrt(np.nanmean(wrong**2)))
+
+
+def force_errors(p: Prepared, held: bool, resolution: Resolution, f: Fitted) -> ForceErrors:
+    """Errors over the training or the held-out recordings."""
+    sources = p.held_sources if held else p.train_sources
+    b = Balance.of(p.ctx, tracks(p, sources, ROWS, resolution), resolution)
+    corrected = b.predicted(f.hypothesis.split(p.ctx, f.theta))
+    return ForceErrors(b, b.predicted({}), corrected, _floors(p, sources, b, f, corrected))
+
+
+def rms(x: Array) -> Array:
+    """Root mean square [nu] of rows [N, nu] (NaN: not measured)."""
+    count = np.isfinite(x).sum(0)
+    return np.where(count > 0, np.sqrt(np.nansum(x**2, 0) / np.maximum(count, 1)), np.nan)
+
+
+def _floors(p: Prepared, sources: tuple[Source, ...], b: Balance, f: Fitted, corrected: Array) -> Array:
+    """Errors [nu] that noise alone leaves: how much the prediction moves when the motion's noise is added once more,
+    and what is left of the noise of the measured forces."""
+    rng = np.random.default_rng(p.config.seed)
+    sensor = _sensor_noise(p)
+    noisy = tuple(_noisier(p, s, sensor, rng) for s in sources)
+    again = Balance.of(p.ctx, tracks(p, noisy, ROWS, b.resolution), b.resolution)
+    moved = again.predicted(f.hypothesis.split(p.ctx, f.theta)) - corrected
+    return np.sqrt(rms(np.where(p.measured, moved, np.nan)) ** 2 + rms(again.measured) ** 2)
+
+
+def _noisier(p: Prepared, source: Source, sensor: Array, rng: np.random.Generator) -> Source:
+    """The recording with as much noise of its motion once more, and the noise of its forces in place of them."""
+    r = source.recording
+
+    def noise(level: Array, shape: tuple[int, ...]) -> Any:
+        return np.where(np.isfinite(level), level, 0.0) * rng.standard_normal(shape)
+
+    qvel = None if r.qvel is None else r.qvel + noise(p.noise.qvel, r.qvel.shape)
+    recording = replace(r, qpos=r.qpos + noise(p.noise.qpos, r.qpos.shape), qvel=qvel)
+    states = estimate([recording], p.model, p.names)[1][0]
+    return Source.build(recording, states, noise(sensor, source.command.shape))
+
+
+def _sensor_noise(p: Prepared) -> Array:
+    """Deviation [nu] of the measured forces' noise (NaN: not measured)."""
+    recordings = [s.recording for s in p.train_sources]
+    out = np.full(p.model.nu, np.nan)
+    for a in np.flatnonzero(p.measured):
+        level, _ = column_noise([r.time for r in recordings], [r.known("force")[:, a] for r in recordings])
+        out[a] = level if np.isfinite(level) else 0.0
+    return out

@@ -1,0 +1,196 @@
+"""The verdict where the motion is given: which effects unseen forces need, and what is left of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.intervals import number
+from mpge_jax.diagnosis.evidence.scored import Rival
+from mpge_jax.diagnosis.force_balance.balance import Balance
+from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors, force_errors
+from mpge_jax.diagnosis.force_balance.force_search import SURE, ForceSearch, Judged
+from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, fitted
+from mpge_jax.diagnosis.machine.model import is_joint_transmission
+from mpge_jax.diagnosis.verdict.remainder_description import in_words
+from mpge_jax.diagnosis.verdict.result import Result
+
+Array = np.ndarray
+SLIGHT = 0.02
+"""Share of the squared error below which what is left leaves the verdict as it is."""
+NOISE, FINE = 1.5, 0.01
+"""Error of a force over that of noise, and over the force itself, up to which nothing is left."""
+BESIDE = 0.3
+"""Share of the worst joint's remainder from which on another joint is named beside it."""
+MOMENTS = 8
+RIVALS = 3
+
+
+def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) -> Result:
+    """The verdict on what was found in the training recordings, by forces that nothing was fitted to."""
+    say("judging what is left")
+    resolution = found.balance.resolution
+    fit = found.fit
+    held = force_errors(p, True, resolution, fit)
+    gains = {t: _gain(held, fit, t) for t in fit.hypothesis.terms}
+    needless = [t for t, (gain, error) in gains.items() if gain <= error]
+    if needless:
+        p.warnings.append(
+            f"{_listed(needless)}: the training recordings speak for it, but other recordings are not predicted better "
+            "with it by more than chance; it is left out."
+        )
+        parts = fit.hypothesis.split(p.ctx, fit.theta)
+        fit = fitted(found.search.bank, {t: x for t, x in parts.items() if t not in needless})
+        held = force_errors(p, True, resolution, fit)
+    train = force_errors(p, False, resolution, fit)
+    rivals = {t: _rivals(found, fit, t) for t in fit.hypothesis.terms}
+    real, share = _left(held)
+    unexplained = None
+    if real and (share > SLIGHT or not fit.hypothesis.terms):
+        unexplained = _describe(p, held, share)
+    if unexplained is not None:
+        verdict = "unexplained"
+    elif any(r.tied for each in rivals.values() for r in each):
+        verdict = "ambiguous"
+    else:
+        verdict = "effects" if fit.hypothesis.terms else "none"
+    drops = {t: _drop(held, fit, t) for t in fit.hypothesis.terms}
+    return Result(
+        verdict, p, fit, rivals, drops, train, held, _location(p, train), unexplained,
+        list(dict.fromkeys(p.warnings)), p.config, found.search.log,
+        remainder=share if real and unexplained is None else 0.0,
+    )  # fmt: skip
+
+
+def _without(b: Balance, f: Fitted, term: Term) -> Array:
+    parts = f.hypothesis.split(b.ctx, f.theta)
+    return b.predicted({t: x for t, x in parts.items() if t != term})
+
+
+def _gain(held: ForceErrors, f: Fitted, term: Term) -> tuple[float, float]:
+    """By how much the squared error of held-out forces falls with one effect, the others kept, in units of what is left
+    of each actuator's; and the standard error of that, from block to block."""
+    b = held.balance
+    wrong = (_without(b, f, term) - b.measured) ** 2 - (held.corrected - b.measured) ** 2
+    rows = np.nansum(wrong / np.maximum(held.each_after, 1e-12 * held.size) ** 2, 1)
+    blocks = np.bincount(b.block, rows)
+    return float(blocks.mean()), float(
+        blocks.std(ddof=1) / np.sqrt(blocks.size)
+    ) if blocks.size > 1 else np.inf
+
+
+def _drop(held: ForceErrors, f: Fitted, term: Term) -> float:
+    """Share of the squared error of held-out forces that goes with one effect, the others kept: of the actuator where
+    it is largest."""
+    before = np.nanmean((_without(held.balance, f, term) - held.balance.measured) ** 2, 0)
+    share = 1.0 - held.each_after**2 / np.maximum(before, 1e-300)
+    return float(np.nanmax(share))
+
+
+def _rivals(found: ForceDecision, fit: Fitted, term: Term) -> list[Rival]:
+    """What could stand in an effect's place, nearest first. The same to these forces in principle, or too near to tell,
+    is tied; what has more freedom always fits as well, and is not."""
+    s, out = found.search, []
+    own = [e for e in found.found.best.chosen if e.term == term]
+    for r in found.found.rivals.get(term, [])[:RIVALS]:
+        (other,) = (e for e in r.chosen if e not in found.found.best.chosen)
+        ratio = s.ratio(found.found.best, r)
+        richer = s.directions(other) > sum(map(s.directions, own))
+        tied = ratio < SURE and not richer
+        parts = {t: x for t, x in s.parts(r.chosen).items() if t in fit.hypothesis.terms or t == other.term}
+        f = fitted(s.bank, parts) if tied else _as_linear(found.balance, parts)
+        if tied and other.term not in f.hypothesis.terms:
+            tied = False
+        out.append(Rival(other.term, f, ratio, 0.0, _why_not(s, r, ratio, richer, tied), tied))
+    return out
+
+
+def _as_linear(b: Balance, parts: dict[Term, Array]) -> Fitted:
+    h = Hypothesis.of(*parts)
+    theta = h.gather(b.ctx, parts)
+    return Fitted(h, theta, theta)
+
+
+def _why_not(s: ForceSearch, r: Judged, ratio: float, richer: bool, tied: bool) -> str:
+    if tied:
+        return "these recordings cannot tell it apart"
+    if ratio < SURE and richer:
+        return "predicts other stretches no better, and has more freedom to fit"
+    if ratio < SURE:
+        return "ends up as nothing when it is fitted with the others"
+    return f"predicts other stretches worse: its likelihood there is {np.exp(-min(ratio, 50.0)):.1g} times as large"
+
+
+def _left(e: ForceErrors) -> tuple[bool, float]:
+    """Whether more than noise is left, and its share of the squared error, actuators weighed by their forces."""
+    size = e.size
+    real = (e.each_after > NOISE * e.floors) & (e.each_after > FINE * size)
+    left, whole = (
+        float(np.nansum(np.maximum(x**2 - e.floors**2, 0.0) / size**2)) for x in (e.each_after, e.each_before)
+    )
+    return bool(real.any()), min(left / max(whole, 1e-300), 1.0)
+
+
+def _describe(p: Prepared, e: ForceErrors, share: float) -> dict[str, Any]:
+    """The `unexplained` entry of a diagnosis."""
+    b, m, size = e.balance, p.model, e.size
+    left = np.nan_to_num(np.maximum(e.each_after**2 - e.floors**2, 0.0) / size**2)
+    order = [int(a) for a in np.argsort(-left) if left[a] >= BESIDE * left.max()]
+    at = [_place(p, a) for a in order]
+    worst = order[0]
+    missing = b.measured[:, worst] - e.corrected[:, worst]
+    seen = np.isfinite(missing)
+    time, q, v = (np.concatenate([getattr(t, name) for t in b.tracks]) for name in ("time", "q", "v"))
+    clues = {"time since the start": time, "size of the measured force": np.abs(b.measured[:, worst])}
+    if is_joint_transmission(m, worst):
+        joint = int(m.actuator_trnid[worst, 0])
+        clues |= {
+            "speed of the joint": np.abs(v[:, m.jnt_dofadr[joint]]),
+            "angle of the joint": q[:, m.jnt_qposadr[joint]],
+        }
+    when = in_words(
+        missing[seen], {k: x[seen] for k, x in clues.items()}, ("pushes backwards", "pushes forwards")
+    )
+    return {
+        "at": list(dict.fromkeys(at)), "when": when, "intervals": _moments(p, e), "share": number(share), "of": "force",
+    }  # fmt: skip
+
+
+def _moments(p: Prepared, e: ForceErrors) -> list[list[Any]]:
+    """Stretches of time in which most is left: [recording, from, to] in s."""
+    b = e.balance
+    left = np.nansum(((e.corrected - b.measured) / e.size) ** 2, 1)
+    time = np.concatenate(
+        [t.time + s.recording.origin for t, s in zip(b.tracks, p.held_sources, strict=True)]
+    )
+    name = [t.name for t in b.tracks for _ in t.time]
+    total = np.bincount(b.block, left)
+    out = []
+    for k in sorted(np.argsort(-total)[: min(MOMENTS, max(1, total.size // 4))]):
+        rows = np.flatnonzero(b.block == k)
+        out.append([name[rows[0]], round(float(time[rows[0]]), 4), round(float(time[rows[-1]]), 4)])
+    return out
+
+
+def _location(p: Prepared, train: ForceErrors) -> list[tuple[str, str, float]]:
+    """Where the model as given lacks force: (place, kind, ratio to what noise explains), largest first."""
+    ratio = train.each_before**2 / np.maximum(train.floors, 1e-9 * train.size) ** 2
+    out: dict[tuple[str, str], float] = {}
+    for a in map(int, np.flatnonzero(np.isfinite(ratio))):
+        key = (_place(p, a), "joint" if is_joint_transmission(p.model, a) else "actuator")
+        out[key] = max(out.get(key, 0.0), float(ratio[a]))
+    return sorted(((n, k, r) for (n, k), r in out.items()), key=lambda row: -row[2])
+
+
+def _place(p: Prepared, a: int) -> str:
+    m, names = p.model, p.names
+    return names.joints[int(m.actuator_trnid[a, 0])] if is_joint_transmission(m, a) else names.actuators[a]
+
+
+def _listed(terms: list[Term]) -> str:
+    return ", ".join(f"{t.name.replace('_', ' ')} at {t.place.name}" for t in terms)
