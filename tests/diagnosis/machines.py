@@ -29,6 +29,14 @@ BOX = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <actuator><motor name="push" joint="x"/></actuator></mujoco>"""
 
 
+ROTORS = """<mujoco><worldbody><body name="drone"><joint name="x" type="slide" axis="1 0 0"/>
+<joint name="z" type="slide" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
+<geom type="box" size=".2 .05 .02" mass="0.8"/><site name="left" pos="-.2 0 0"/><site name="right" pos=".2 0 0"/></body>
+</worldbody><actuator><motor name="left" site="left" gear="0 0 1 0 0 0"/>
+<motor name="right" site="right" gear="0 0 1 0 0 0"/></actuator></mujoco>"""
+"""A planar drone."""
+
+
 def excitation(kind: int, t: float, phase: np.ndarray, size: np.ndarray) -> np.ndarray:
     """Command [nu] at a time: sums of sines, steps, or a growing chirp."""
     if kind % 3 == 0:

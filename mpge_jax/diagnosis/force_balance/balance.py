@@ -69,7 +69,7 @@ class Balance:
         """Forces [N, nu] that the motion needs, as the measurement would show them."""
         machine = Machine.build(self.ctx, tuple(parts), tuple(parts.values()))
         forces = [needed(machine, t, k) for t, k in zip(self.tracks, self._known, strict=True)]
-        cutoff = self.resolution.sensor
+        cutoff = min(self.resolution.sensor, self.resolution.motion)
         return np.concatenate([low_pass(f, t.time, cutoff) for f, t in zip(forces, self.tracks, strict=True)])
 
     def columns(self, parts: dict[Term, Array], term: Term, here: Array) -> Array:

@@ -84,25 +84,33 @@ def rms(x: Array) -> Array:
 
 
 def _floors(p: Prepared, sources: tuple[Source, ...], b: Balance, f: Fitted, corrected: Array) -> Array:
-    """Errors [nu] that noise alone leaves: how much the prediction moves when the motion's noise is added once more,
-    and what is left of the noise of the measured forces."""
+    """Errors [nu] that noise alone leaves: by how much the prediction moves where the motion is recorded once more, and
+    what is left of the noise of the measured forces."""
     rng = np.random.default_rng(p.config.seed)
     sensor = _sensor_noise(p)
-    noisy = tuple(_noisier(p, s, sensor, rng) for s in sources)
-    again = Balance.of(p.ctx, tracks(p, noisy, ROWS, b.resolution), b.resolution)
-    moved = again.predicted(f.hypothesis.split(p.ctx, f.theta)) - corrected
-    return np.sqrt(rms(np.where(p.measured, moved, np.nan)) ** 2 + rms(again.measured) ** 2)
+    again = tuple(_recorded_again(p, s, sensor, np.isfinite(b.resolution.motion), rng) for s in sources)
+    other = Balance.of(p.ctx, tracks(p, again, ROWS, b.resolution), b.resolution)
+    moved = other.predicted(f.hypothesis.split(p.ctx, f.theta)) - corrected
+    return np.sqrt(rms(np.where(p.measured, moved, np.nan)) ** 2 + rms(other.measured) ** 2)
 
 
-def _noisier(p: Prepared, source: Source, sensor: Array, rng: np.random.Generator) -> Source:
-    """The recording with as much noise of its motion once more, and the noise of its forces in place of them."""
-    r = source.recording
+def _recorded_again(
+    p: Prepared, source: Source, sensor: Array, filtered: bool, rng: np.random.Generator
+) -> Source:
+    """The smoothed motion as if it were the true one, with noise; and of the forces their noise alone. What smoothing
+    takes from a motion is so counted with what noise adds.
+
+    Args:
+        filtered: whether the motion is that of recorded velocities below a frequency, and not the smoother's.
+    """
+    r, x = source.recording, source.states
 
     def noise(level: Array, shape: tuple[int, ...]) -> Any:
         return np.where(np.isfinite(level), level, 0.0) * rng.standard_normal(shape)
 
-    qvel = None if r.qvel is None else r.qvel + noise(p.noise.qvel, r.qvel.shape)
-    recording = replace(r, qpos=r.qpos + noise(p.noise.qpos, r.qpos.shape), qvel=qvel)
+    q, v = (r.qpos, r.qvel) if filtered else (x.qpos, None if r.qvel is None else x.qvel)
+    qvel = None if v is None else v + noise(p.noise.qvel, v.shape)
+    recording = replace(r, qpos=q + noise(p.noise.qpos, q.shape), qvel=qvel)
     states = estimate([recording], p.model, p.names)[1][0]
     return Source.build(recording, states, noise(sensor, source.command.shape))
 

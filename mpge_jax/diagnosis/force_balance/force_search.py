@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.force_balance.bank import Bank, Entry, hypothesis_of
 from mpge_jax.diagnosis.force_balance.gram import Weighted
 
 Array = np.ndarray
-LEAST = 0.01
+LEAST = 0.1
 """Share of the squared error that must go with an effect at the actuator where it takes away most."""
 SURE = 3.0
 """Logarithm of the likelihood ratio (20 to 1) from which on one of two hypotheses is the better one."""
@@ -21,7 +21,7 @@ CLEAR = 2.0
 """Standard deviations from which on what other joints have too is seen at this one."""
 DISTINCT = 1e-3
 """Share of a direction's squared force that no other gives, from which on it is one of its own."""
-EXCHANGES = 6
+EXCHANGES = 3
 """Most effects that are exchanged for a rival."""
 SHOWN = 12
 """Candidates that are judged by stretches that they were not fitted to: those that fit best."""
@@ -144,7 +144,7 @@ class ForceSearch:
             for o in best.chosen
         )
         if shared:
-            return self.ratio(best, without) > 0.0 or sure > CLEAR
+            return sure > CLEAR
         return self._wins(best, without)
 
     def _score(self, errors: Array) -> float:

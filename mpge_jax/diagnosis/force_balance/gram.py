@@ -16,13 +16,12 @@ RIDGE = 1e-9
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations of P columns.
+    """Normal equations of P columns, by part of the recordings (K of them) and, for sums, by block of time (B).
 
     Attributes:
-        gram: [B, nu, P, P]. moment: [B, nu, P]. square: [B, nu] of what is to be explained. rows: [B, nu] how many.
-        column_sum: [B, nu, P]. target_sum: [B, nu] sums over the rows.
+        gram: [K, nu, P, P]. moment: [K, nu, P]. square: [K, nu] of what is to be explained.
+        rows: [B, nu] how many. column_sum: [B, nu, P]. target_sum: [B, nu] sums over the rows.
         prior: [P] precision of each coefficient's weak prior. low, high: [P] bounds.
-        fold: [B] part to which each block belongs.
     """
 
     gram: Array
@@ -34,42 +33,39 @@ class Normal:
     prior: Array
     low: Array
     high: Array
-    fold: Array
 
     @staticmethod
     def of(
         columns: Array, target: Array, block: Array, fold: Array, prior: Array, low: Array, high: Array
     ) -> Normal:
-        """columns: [P, N, nu]. target: [N, nu] (NaN: unknown). block: [N]. fold: [B]."""
+        """columns: [P, N, nu]. target: [N, nu] (NaN: unknown). block: [N] its number. fold: [B] part of each block."""
         seen = np.isfinite(target)
-        x, y = np.where(seen, columns, 0.0), np.where(seen, target, 0.0)
+        y = np.where(seen, target, 0.0)
+        gram, moment, square = [], [], []
+        for k in np.unique(fold):
+            r = np.isin(block, np.flatnonzero(fold == k))
+            # [nu, P, n] @ [nu, n, P]
+            x = np.ascontiguousarray(np.where(seen[r], columns[:, r], 0.0).transpose(2, 0, 1))
+            gram.append(x @ x.transpose(0, 2, 1))
+            moment.append((x @ y[r].T[..., None])[..., 0])
+            square.append((y[r] ** 2).sum(0))
         each = [block == b for b in range(int(block.max()) + 1)]
-        # [nu, P, n] @ [nu, n, P]
-        parts = [np.ascontiguousarray(x[:, r].transpose(2, 0, 1)) for r in each]
-        gram = np.array([a @ a.transpose(0, 2, 1) for a in parts])
-        moment = np.array([(a @ y[r].T[..., None])[..., 0] for a, r in zip(parts, each, strict=True)])
-        square = np.array([(y[r] ** 2).sum(0) for r in each])
         rows = np.array([seen[r].sum(0) for r in each])
-        column_sum = np.array([a.sum(2) for a in parts])
+        column_sum = np.array([np.where(seen[r], columns[:, r], 0.0).sum(1).T for r in each])
         target_sum = np.array([y[r].sum(0) for r in each])
-        return Normal(gram, moment, square, rows, column_sum, target_sum, prior, low, high, fold)
-
-    @cached_property
-    def by_fold(self) -> tuple[Array, Array, Array]:
-        """gram [K, nu, P, P], moment and square of the parts."""
-        each = [self.fold == k for k in np.unique(self.fold)]
-        return tuple(np.array([x[r].sum(0) for r in each]) for x in (self.gram, self.moment, self.square))  # type: ignore[return-value]
+        return Normal(
+            np.array(gram), np.array(moment), np.array(square), rows, column_sum, target_sum, prior, low, high
+        )
 
     @cached_property
     def pooled(self) -> tuple[Array, Array, Array]:
         """gram [nu, P, P], moment and square of all parts."""
-        return tuple(part.sum(0) for part in self.by_fold)
+        return self.gram.sum(0), self.moment.sum(0), self.square.sum(0)
 
     def weighted(self, weight: Array) -> Weighted:
         """The same with actuators weighted by `weight` [nu]: one over the variance of their rows."""
-        gram, moment, _ = self.by_fold
-        grams = np.einsum("u,kupq->kpq", weight, gram, optimize=True)
-        moments = np.einsum("u,kup->kp", weight, moment, optimize=True)
+        grams = np.einsum("u,kupq->kpq", weight, self.gram, optimize=True)
+        moments = np.einsum("u,kup->kp", weight, self.moment, optimize=True)
         return Weighted(self, weight, grams, moments)
 
 
@@ -132,7 +128,7 @@ class Weighted:
         """Squared errors [nu] of all parts, each with coefficients from the others."""
         index, n = np.array(chosen, dtype=int), self.normal
         grams, moments = self.without
-        parts = zip(grams, moments, *n.by_fold, strict=True)
+        parts = zip(grams, moments, n.gram, n.moment, n.square, strict=True)
         return np.sum([_errors(self._solve(index, g, m), index, *of) for g, m, *of in parts], axis=0)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,8 @@ MOTION = (np.inf, 10.0, 5.0, 2.0)
 STILL = (0.0, 0.003, 0.01, 0.03)
 """What is tried: Hz, and shares of a joint's usual speed, from fine to coarse."""
 NOTHING = 0.01
-"""Share of a measured force (rms about its mean) that lies above the frequency of a filter that it came through."""
+"""Share of a measured force (rms about its mean) that lies above twice the frequency of the filter that it came
+through."""
 BETTER = 0.02
 """By how much the logarithm of the error must fall for a coarser one."""
 ROWS = 1500
@@ -31,7 +33,7 @@ def choose(p: Prepared, terms: list[Term]) -> Resolution:
     """The resolution with which a plain regression of the forces predicts stretches best that it was not fitted to.
 
     All are judged by the same forces, those that were measured. A sensor's filter is supposed only where the forces
-    hold nothing above its frequency: else the smooth steps of a friction law would pass for a filter.
+    hold nothing far above its frequency: else the smooth steps of a friction law would pass for a filter.
 
     Args:
         terms: of the plain regression.
@@ -47,7 +49,13 @@ def choose(p: Prepared, terms: list[Term]) -> Resolution:
         return chosen
 
     found = Resolution()
-    for name, values in (("sensor", _possible(p)), ("motion", MOTION), ("still", STILL)):
+    tried: tuple[tuple[str, Iterable[Any]], ...] = (
+        ("held", (False, True)),
+        ("sensor", _possible(p)),
+        ("motion", MOTION),
+        ("still", STILL),
+    )
+    for name, values in tried:
         found = best(replace(found, **{name: x}) for x in values)
     return found
 
@@ -62,7 +70,7 @@ def _error(bank: Bank) -> float:
 
 
 def _possible(p: Prepared) -> list[float]:
-    """Frequencies above which no measured force holds anything."""
+    """Frequencies of filters through which the measured forces may have come."""
     forces = [(s.recording.known("force"), s.recording.time) for s in p.train_sources]
     whole = [f[np.isfinite(f).all(1)] for f, _ in forces]
 
@@ -76,4 +84,4 @@ def _possible(p: Prepared) -> list[float]:
             size += (about**2).sum(0)
         return float(np.sqrt(high / np.maximum(size, 1e-300))[p.measured].max())
 
-    return [f for f in SENSOR if not np.isfinite(f) or above(f) < NOTHING]
+    return [f for f in SENSOR if not np.isfinite(f) or above(2.0 * f) < NOTHING]

@@ -25,11 +25,13 @@ class Resolution:
         smoother has them). sensor: Hz to which measured forces follow sudden ones (infinite: all).
         still: share of its usual speed below which a joint may be at rest: noise of its sensor moves it there, or it
         yields before it slides, and dry friction is not fully against it.
+        held: whether a measured force is held from its row to the next, as a computed one is, and not that of a moment.
     """
 
     motion: float = np.inf
     sensor: float = np.inf
     still: float = 0.0
+    held: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def _track(p: Prepared, s: Source, stride: int, resolution: Resolution) -> Track
     if np.isfinite(resolution.motion):
         v = low_pass(_raw_velocity(p, s), r.time, resolution.motion)
         a = np.gradient(v, r.time, axis=0)
-    force = np.where(p.measured, mean_force(s), np.nan)
+    force = _force(p, s, resolution.held)
     return Track(r.name, r.time[rows], x.qpos[rows], v[rows], a[rows], unsure[rows], force[rows])
 
 
@@ -102,8 +104,10 @@ def _raw_velocity(p: Prepared, s: Source) -> Array:
     return out
 
 
-def mean_force(s: Source) -> Array:
-    """Mean force [T, nu] from the row before each row to the row after it, the span of its acceleration."""
-    t = s.recording.time
-    mean = (s.integral[2:] - s.integral[:-2]) / (t[2:] - t[:-2])[:, None]
-    return np.concatenate([mean[:1], mean, mean[-1:]])
+def _force(p: Prepared, s: Source, held: bool) -> Array:
+    """Measured force [T, nu] that belongs to the acceleration of each row; NaN where there is none."""
+    force = np.where(p.measured, s.command, np.nan)
+    if held:
+        # the motion at a row is that of the intervals before and after it
+        force[1:] = 0.5 * (force[1:] + force[:-1])
+    return force

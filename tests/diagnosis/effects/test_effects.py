@@ -33,6 +33,7 @@ VALUES = {
     "load_dependent_friction:gear": [0.02, 0.1], "viscous_damping:explicit": [0.08], "actuator_bias:reclipped": [0.2],
     "actuator_gain:limited": [1.6], "actuator_bias:limited": [0.2], "actuator_deadzone:limited": [0.1],
     "contact_stiffness": [0.05], "encoder_offset": [0.04], "sensor_delay": [0.005],
+    "coulomb_friction:behind_gap": [0.05, 0.01, 0.004],
 }  # fmt: skip
 # Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
 # takes polynomial damping implicitly, and contact solvers start from another guess.
@@ -113,6 +114,7 @@ def test_native_export_moves_like_the_effect(effect_id):
     if not m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0]):
         assert effect_id in (
             "stribeck_friction", "load_dependent_friction", "load_dependent_friction:gear", "asymmetric_friction",
+            "coulomb_friction:behind_gap",
             "cogging_torque", "backlash", "actuator_bias:reclipped", "actuator_deadzone:limited",
             "joint_flexibility", "actuator_deadzone", "external_force", "encoder_offset", "sensor_delay",
         )  # fmt: skip

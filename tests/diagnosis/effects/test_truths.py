@@ -6,7 +6,6 @@ import jax
 import mujoco
 import numpy as np
 import pytest
-from mpge_jax.diagnosis.report.force_errors import _velocities
 
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.corrected import CorrectedModel
@@ -356,14 +355,6 @@ def test_a_force_on_the_whole_machine_is_that_force_whatever_the_masses(scale):
         data = mujoco.MjData(m)
         mujoco.mj_forward(m, data)
         assert -data.qfrc_bias[0] == pytest.approx(4.0, rel=1e-5)
-
-
-def test_the_velocity_of_a_body_is_that_of_its_centre_of_mass():
-    model = mujoco.MjModel.from_xml_string(PENDULUM)
-    data = mujoco.MjData(model)
-    data.qvel[:] = 1.0
-    mujoco.mj_forward(model, data)
-    np.testing.assert_allclose(_velocities(model, data)(1), [-0.15, 0.0, 0.0], atol=1e-9)
 
 
 def test_the_force_of_a_damper_follows_the_motion():

@@ -14,8 +14,10 @@ from mpge_jax.diagnosis.force_balance.gram import bounded
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import needed
 from mpge_jax.diagnosis.force_balance.polish import polished
-from mpge_jax.diagnosis.force_balance.tracks import Track
+from mpge_jax.diagnosis.force_balance.procedure import sureness
+from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track
 from mpge_jax.diagnosis.machine.model import compile_variable
+from mpge_jax.diagnosis.simulation.single_step import Machine
 from tests.diagnosis.machines import ARM
 
 IDS = ("coulomb_friction", "viscous_damping", "armature", "actuator_bias", "quadratic_drag")
@@ -40,7 +42,7 @@ def _tracks(ctx, parts, noise=0.0, seed=0):
         angle = t[:, None, None] * w + rng.uniform(0, 6, w.shape)
         q, v, a = ((size * x).sum(1) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
         silent = Track(f"run_{k}", t, q, v, a, np.full_like(v, 1e-3), np.zeros((t.size, ctx.model.nu)))
-        force = needed(ctx, parts, silent)
+        force = needed(Machine.build(ctx, tuple(parts), tuple(parts.values())), silent)
         force = force + noise * rng.standard_normal(force.shape)
         out.append(Track(silent.name, t, q, v, a, silent.unsure, force))
     return out
@@ -52,7 +54,8 @@ def test_dry_friction_acts_as_surely_as_the_direction_is_known(ctx):
     v = zeros.copy()
     v[:, 0] = [0.0, 1e-3, 1.0]
     track = Track("r", np.arange(3.0), zeros, v, zeros, np.full_like(v, 1e-3), zeros[:, : ctx.model.nu])
-    dry = needed(ctx, {term: np.array([0.4])}, track) - needed(ctx, {}, track)
+    machine, plain = Machine.build(ctx, (term,), (np.array([0.4]),)), Machine.build(ctx, (), ())
+    dry = needed(machine, track) - needed(plain, track)
     gear = ctx.model.actuator_gear[0, 0]
     # erf(1 / sqrt 2) = 0.6827: the share of a normal distribution within one deviation
     np.testing.assert_allclose(gear * dry[:, 0], [0.0, 0.4 * 0.6827, 0.4], rtol=1e-4, atol=1e-12)
@@ -66,12 +69,17 @@ def test_what_was_planted_in_one_joint_or_in_all_is_named_with_its_size(ctx):
         _term(ctx, "armature", 1): np.array([0.05]),
     }
     tracks = _tracks(ctx, planted, noise=0.02)
-    b = Balance.of(ctx, tracks, np.inf, np.inf)
+    b = Balance.of(ctx, tracks, Resolution())
     terms = [Term(i, place) for i in IDS for place in REGISTRY[i].places(ctx)]
     bank = Bank.of(b, terms)
     search = ForceSearch(bank, lambda _: None, [], 10)
     found = search.run()
-    assert {e.term for e in found.best.chosen} == set(planted)
+    extra = {e.term for e in found.best.chosen} - set(planted)
+    assert set(planted) <= {e.term for e in found.best.chosen}
+    # what the other joint has too is kept from two deviations on: unseen recordings decide (test_forces_given.py)
+    assert {t.id for t in extra} <= {t.id for t in planted}
+    found_fit = polished(b, search.parts(found.best.chosen))
+    assert all(sureness(b, found_fit, t) < 3.0 for t in extra)
     start = {t: 0.5 * x for t, x in planted.items()}
     f = polished(b, start)
     for t, part in zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True):
@@ -81,7 +89,7 @@ def test_what_was_planted_in_one_joint_or_in_all_is_named_with_its_size(ctx):
 
 
 def test_nothing_is_named_where_there_is_noise_alone(ctx):
-    b = Balance.of(ctx, _tracks(ctx, {}, noise=0.05), np.inf, np.inf)
+    b = Balance.of(ctx, _tracks(ctx, {}, noise=0.05), Resolution())
     terms = [Term(i, place) for i in IDS for place in REGISTRY[i].places(ctx)]
     assert ForceSearch(Bank.of(b, terms), lambda _: None, [], 10).run().best.chosen == ()
     assert ForceSearch(Bank.of(b, []), lambda _: None, [], 10).run().rivals == {}

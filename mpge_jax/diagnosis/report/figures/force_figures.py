@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
@@ -44,6 +45,7 @@ def forces(d: Result, e: ForceErrors, path: Path) -> Path:
                 loop.plot(q, force, color=color, ls=style, lw=0.8 * width)
         joint = names.joints[int(m.actuator_trnid[a, 0])] if is_joint_transmission(m, a) else ""
         ax.set_ylabel(f"{drawing.short(names.actuators[a], 18)} ({unit_of_joint(d, joint)})")
+        loop.xaxis.set_major_locator(MaxNLocator(4))
         for one in (ax, loop):
             one.grid(alpha=0.25)
     axes[0, 0].set_title(drawing.short(track.name, 40), fontsize=9)

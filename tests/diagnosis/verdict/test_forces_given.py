@@ -1,0 +1,130 @@
+"""Motion and force without commands, from recordings to the verdict: what was planted in a bench is what is named."""
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis import REGISTRY, Config, Recording
+from mpge_jax.diagnosis.dataset.preparation import prepare
+from mpge_jax.diagnosis.effects.base import find_place
+from mpge_jax.diagnosis.effects.context import nominal_context
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.force_balance import procedure
+from mpge_jax.diagnosis.force_balance.low_pass import low_pass
+from mpge_jax.diagnosis.force_balance.needed_force import needed
+from mpge_jax.diagnosis.force_balance.resolution import choose
+from mpge_jax.diagnosis.force_balance.tracks import Track, motion_is_given
+from mpge_jax.diagnosis.machine.model import compile_variable
+from mpge_jax.diagnosis.simulation.single_step import Machine
+from mpge_jax.diagnosis.verdict.force_judgement import judge_forces
+from tests.diagnosis.machines import ARM, PENDULUM
+
+MOTORS = ARM.replace(
+    '<position name="elbow_servo" joint="elbow" kp="8" kv="0.4"/>',
+    '<motor name="elbow_motor" joint="elbow"/>',
+)
+IDS = (
+    "coulomb_friction", "viscous_damping", "armature", "actuator_bias", "asymmetric_friction", "quadratic_drag",
+    "joint_stiffness", "payload_mass",
+)  # fmt: skip
+
+
+def bench(xml, parts, noise, added=None, seed=0, sensor=np.inf):
+    """Three training recordings and two held-out ones of smooth motion, with the forces that it needs with `parts`:
+    [(effect, place, parameters)]; `added(q, v)` acts besides."""
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+    terms = tuple(Term(i, find_place(ctx, REGISTRY[i], at)) for i, at, _ in parts)
+    machine = Machine.build(ctx, terms, tuple(np.array(theta, float) for _, _, theta in parts))
+    rng, out, t, nv = np.random.default_rng(seed), [], np.arange(0.0, 5.0, 0.01), ctx.model.nv
+    for name in ("run_0", "run_1", "run_2", "heldout_0", "heldout_1"):
+        w, size = rng.uniform(1.0, 6.0, (3, nv)), rng.uniform(0.15, 0.4, (3, nv))
+        angle = t[:, None, None] * w + rng.uniform(0, 6, w.shape)
+        q, v, a = ((size * x).sum(1) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
+        track = Track(name, t, q, v, a, np.full_like(v, 1e-4), np.zeros((t.size, ctx.model.nu)))
+        force = needed(machine, track)
+        force = low_pass(force if added is None else force + added(q, v), t, sensor)
+        q = q + 1e-5 * rng.standard_normal(q.shape)
+        out.append(Recording(name, t, q, None, None, force + noise * rng.standard_normal(force.shape)))
+    return out
+
+
+def judged(xml, recordings, ids=IDS):
+    p = prepare(mujoco.MjSpec.from_string(xml), recordings, Config(jobs=1, effects=ids))
+    assert motion_is_given(p)
+    return judge_forces(p, procedure.decide(p, lambda _: None), lambda _: None)
+
+
+def named(d):
+    return {str(t) for t in d.terms}
+
+
+def test_what_joints_lack_together_and_what_one_lacks_alone_is_named_with_its_size():
+    planted = [
+        ("coulomb_friction", "shoulder", [0.3]),
+        ("coulomb_friction", "elbow", [0.2]),
+        ("viscous_damping", "shoulder", [0.15]),
+        ("actuator_bias", "elbow_motor", [0.25]),
+    ]
+    d = judged(MOTORS, bench(MOTORS, planted, 0.02))
+    assert d.verdict == "effects" and named(d) == {f"{i}@{at}" for i, at, _ in planted}
+    values = {str(t): x for t, x in d.fit.hypothesis.split(d.ctx, d.fit.theta).items()}
+    for effect, at, theta in planted:
+        np.testing.assert_allclose(values[f"{effect}@{at}"], theta, rtol=0.08)
+    held = d.held
+    assert held.before > 5 * held.after and 0.7 * held.floor < held.after < 1.5 * held.floor
+    assert all(0.3 < x < 1.0 for x in d.error_drop.values())
+    assert d.location[0][1] == "joint" and d.location[0][2] > 10
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_nothing_is_named_where_nothing_is_missing(seed):
+    d = judged(MOTORS, bench(MOTORS, [], 0.05, seed=seed))
+    assert (d.verdict, named(d)) == ("none", set())
+
+
+def test_a_force_that_no_effect_gives_is_unexplained_where_it_acts():
+    def odd(q, v):
+        return np.stack([0 * q[:, 0], 0.5 * np.sin(9 * q[:, 0]) * np.cos(3 * v[:, 1])], 1)
+
+    d = judged(MOTORS, bench(MOTORS, [("coulomb_friction", "shoulder", [0.3])], 0.02, odd))
+    assert d.verdict == "unexplained" and d.unexplained["at"] == ["elbow"] and d.unexplained["of"] == "force"
+    assert d.unexplained["share"] > 0.1 and len(d.unexplained["intervals"]) >= 1
+    assert "coulomb_friction@shoulder" in named(d)
+
+
+def test_the_same_in_principle_is_ambiguous():
+    """A constant force on a slide: a sensor's zero, or a force from outside."""
+    xml = PENDULUM.replace('axis="0 1 0"', 'type="slide" axis="1 0 0"')
+    d = judged(
+        xml, bench(xml, [("actuator_bias", "motor", [0.3])], 0.01), ("actuator_bias", "external_force")
+    )
+    assert d.verdict == "ambiguous"
+    ((term, rivals),) = d.rivals.items()
+    assert {term.id, *(r.term.id for r in rivals if r.tied)} >= {"actuator_bias", "external_force"}
+
+
+def test_a_filter_is_supposed_only_where_the_force_holds_nothing_above_it():
+    friction = [("coulomb_friction", "hinge", [0.3])]
+
+    def chosen(recordings):
+        p = prepare(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1))
+        plain = [Term(i, REGISTRY[i].places(p.ctx)[0]) for i in ("coulomb_friction", "viscous_damping")]
+        return choose(p, plain)
+
+    assert chosen(bench(PENDULUM, friction, 1e-3)).sensor == np.inf
+    assert chosen(bench(PENDULUM, friction, 1e-5, sensor=2.0)).sensor in (1.5, 2.0, 3.0)
+
+
+def test_an_effect_that_helps_by_chance_alone_is_left_out_and_told(monkeypatch):
+    recordings = bench(MOTORS, [("coulomb_friction", "shoulder", [0.3])], 0.02)
+    p = prepare(mujoco.MjSpec.from_string(MOTORS), recordings, Config(jobs=1, effects=IDS))
+    found = procedure.decide(p, lambda _: None)
+    chance = Term("armature", find_place(p.ctx, REGISTRY["armature"], "elbow"))
+    h = found.fit.hypothesis.with_term(chance)
+    parts = {**found.fit.hypothesis.split(p.ctx, found.fit.theta), chance: np.array([0.02])}
+    wrong = dataclasses.replace(found.fit, hypothesis=h, theta=h.gather(p.ctx, parts))
+    d = judge_forces(p, dataclasses.replace(found, fit=wrong), lambda _: None)
+    assert "armature@elbow" not in named(d) and "coulomb_friction@shoulder" in named(d)
+    assert any("armature at elbow" in w and "left out" in w for w in d.warnings)
