@@ -54,6 +54,8 @@ def load(path: Path) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f" (line {mark.line + 1}, column {mark.column + 1})"
         raise InputError(f"the map {path.name} is not valid YAML{where}; correct it.") from None
+    if isinstance(data, dict) and "columns" in data and data["columns"] is None:
+        return {}  # a map in which every line is a comment yet
     if not isinstance(data, dict) or not isinstance(data.get("columns"), dict):
         raise InputError(f"{path.name}: a map needs an entry 'columns' with one line per column.")
     return data["columns"]

@@ -33,13 +33,13 @@ class Joined:
     Attributes:
         base: the table whose rows are the recording's.
         data: arrays by the keys of a recording; a number that was not found is NaN.
-        found: what stands where: `qpos:elbow` to the title and part that it is read from.
+        found: what stands where: `qpos:elbow` to the column that it is read from, and which of its parts.
         notes: what a user should know of how it was read.
     """
 
     base: Table
     data: dict[str, Array] = field(default_factory=dict)
-    found: dict[str, str] = field(default_factory=dict)
+    found: dict[str, tuple[Column, int]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 
@@ -71,7 +71,7 @@ def fill(out: Joined, log: Log, mapped: Collection[str], model: mujoco.MjModel, 
         _commands(out, log, model, names)
     for column in out.base.columns:
         if column.means == "state" and not {"qpos", "qvel"} & {*mapped, *out.data}:
-            _state(out, column, model)
+            _state(out, column, model, names)
 
 
 def _base(log: Log, model: mujoco.MjModel, names: Names, mapped: Mapping[str, str]) -> Table:
@@ -125,6 +125,10 @@ def _places(column: Column, key: str, model: mujoco.MjModel, names: Names) -> di
     in_order = {i: i for i in range(n)} if n == width else {}
     if column.parts is None:
         return in_order
+    # `root:2`, as titles of a recording have it
+    places = csv_places(model, names)
+    if all((key, part) in places for part in column.parts):
+        return {i: places[key, part] for i, part in enumerate(column.parts)}
     if key in ("qpos", "qvel"):
         targets = joint_columns(model, names, key)
         found = {i: targets[j][1] for i, j in match(column.parts, [t for t, _ in targets]).items()}
@@ -134,12 +138,6 @@ def _places(column: Column, key: str, model: mujoco.MjModel, names: Names) -> di
         found = match_actuators(column.parts, model, names)
     # motor_0, motor_1, ... say no more than their order does
     return found if found or not numbered(column.parts) else in_order
-
-
-def part_name(column: Column, i: int) -> str:
-    if column.parts is not None:
-        return f"{column.title}:{column.parts[i]}"
-    return column.title if column.values.shape[1] == 1 else f"{column.title}[{i}]"
 
 
 def _where(key: str, column: int, model: mujoco.MjModel, names: Names) -> str:
@@ -163,12 +161,12 @@ def _measured(out: Joined, log: Log, key: str, model: mujoco.MjModel, names: Nam
                 if table.time is None or out.base.time is None:
                     continue
                 out.notes.append(f"{column.title} is interpolated at the times of {out.base.title}.")
-            for i, j in new.items():
+            for i, j in sorted(new.items(), key=lambda pair: pair[1]):
                 value = column.values[:, i]
                 if table is not out.base:
                     value = interpolated(out.base, table, value)
                 array[:, j] = value * _per_force(key, j, model)
-                out.found[_where(key, j, model, names)] = part_name(column, i)
+                out.found[_where(key, j, model, names)] = (column, i)
     if out.found and any(k.startswith(f"{key}:") for k in out.found):
         out.data[key] = array
         return
@@ -232,7 +230,7 @@ def _commands(out: Joined, log: Log, model: mujoco.MjModel, names: Names) -> Non
                     clocks.setdefault(table.title, Clock.of(out.base, table))
                     value = held(out.base.time, table.time - clocks[table.title].ahead, value)
                 array[:, a] = value
-                out.found[f"ctrl:{names.actuators[a]}"] = part_name(column, i)
+                out.found[f"ctrl:{names.actuators[a]}"] = (column, i)
     lacking = [names.actuators[a] for a in range(model.nu) if np.isnan(array[:, a]).all()]
     out.notes += [
         f"{text} ({_few(of)}): they are not read." for text, of in unfit.items() if set(of) & set(lacking)
@@ -249,7 +247,7 @@ def _commands(out: Joined, log: Log, model: mujoco.MjModel, names: Names) -> Non
         out.notes.append(f"commands of {_few(lacking)} were not found, so no commands are read.")
 
 
-def _state(out: Joined, column: Column, model: mujoco.MjModel) -> None:
+def _state(out: Joined, column: Column, model: mujoco.MjModel, names: Names) -> None:
     """MuJoCo's state in one row: time, qpos, qvel and what the actuators hold."""
     values, nq, nv = column.values, model.nq, model.nv
     if values.shape[1] not in (1 + nq + nv, 1 + nq + nv + model.na):
@@ -259,7 +257,8 @@ def _state(out: Joined, column: Column, model: mujoco.MjModel) -> None:
         )
         return
     out.data["qpos"], out.data["qvel"] = values[:, 1 : 1 + nq], values[:, 1 + nq : 1 + nq + nv]
-    out.found["qpos"] = out.found["qvel"] = column.title
+    for key, first, width in (("qpos", 1, nq), ("qvel", 1 + nq, nv)):
+        out.found |= {_where(key, j, model, names): (column, first + j) for j in range(width)}
     if (np.diff(values[:, 0]) > 0).all():
         out.data["time"] = values[:, 0]
 

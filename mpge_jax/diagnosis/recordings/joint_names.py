@@ -34,7 +34,7 @@ def match(found: Sequence[str], wanted: Sequence[str]) -> dict[int, int]:
     }
     for spare in sorted(set(over.values())):
         free = {(i, j) for (i, j), s in over.items() if s == spare and i not in out and j not in out.values()}
-        for i, j in free:
+        for i, j in sorted(free):
             if sum(a == i for a, _ in free) == 1 and sum(b == j for _, b in free) == 1:
                 out[i] = j
         # what two fit equally well is left to neither, now or with more words over

@@ -78,7 +78,7 @@ def _by_aliases(
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """What a file lacks, from columns of other names that people use; unless a map names it."""
     log = aliased_log(path)
-    mapped = _mapped(columns)
+    mapped = mapped_keys(columns)
     lacking = {"time", "qpos", "qvel", "ctrl", "actuator_force"} - set(mapped)
     lacking -= {k for k, v in data.items() if v.dtype.kind != "f" or not np.isnan(v).all()}
     if log is None or not lacking:
@@ -89,7 +89,7 @@ def _by_aliases(
     return {**data, **{k: v for k, v in joined.data.items() if k in lacking}}, joined.notes
 
 
-def _mapped(columns: Mapping[str, object]) -> dict[str, str]:
+def mapped_keys(columns: Mapping[str, object]) -> dict[str, str]:
     """Keys that a map fills, each to one of the titles that it reads."""
     out: dict[str, str] = {}
     for target, entry in columns.items():
@@ -107,7 +107,7 @@ def read_log(
         InputError: it cannot be used; the message says what to do.
     """
     columns = columns or {}
-    joined = join(log, model, names, _mapped(columns))
+    joined = join(log, model, names, mapped_keys(columns))
     data = joined.data
     if columns:
         data = apply_to(log.name, columns_at(joined, log), [listed(log)], data, columns, model, names)

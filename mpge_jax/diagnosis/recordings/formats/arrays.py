@@ -29,7 +29,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
                 raise InputError(f"{path.name} is a single array, not an .npz archive.")
             for key in KEYS:
                 if key in data.files:
-                    check_values(path.name, key, math.prod(_stated_shape(data, key)))
+                    check_values(path.name, key, math.prod(_stated(data, key)[0]))
                     out[key] = data[key]
     except InputError:
         raise
@@ -41,23 +41,31 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     return out
 
 
-def _stated_shape(data: np.lib.npyio.NpzFile, key: str) -> tuple[int, ...]:
-    """The shape in the header of an array, which is not loaded."""
+def _stated(data: np.lib.npyio.NpzFile, key: str) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type in the header of an array, which is not loaded."""
     if data.zip is None:
         raise EOFError
     with data.zip.open(f"{key}.npy") as member:
         first = np.lib.format.read_magic(member) == (1, 0)
         read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
-        return read(member)[0]
+        shape, _, kind = read(member)
+        return shape, kind
 
 
-def raw_columns(path: Path, wanted: set[str]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """The columns `wanted` of a file, before any meaning is given to them, and the titles of all."""
+def raw_columns(
+    path: Path, wanted: set[str], numbers_only: bool = False
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The columns `wanted` of a file, before any meaning is given to them, and the titles of all.
+
+    Args:
+        numbers_only: leave out what only a pickle holds, instead of refusing it.
+    """
     if path.suffix.lower() == ".csv":
         titles, table, _ = read_table(path, lambda _title: False)
         return {t: table[:, i] for i, t in enumerate(titles) if t in wanted}, list(titles)
     try:
         with path.open("rb") as binary, np.load(binary, allow_pickle=False) as data:
+            wanted = {k for k in wanted if not numbers_only or _stated(data, k)[1].kind in "fiub"}
             return {k: _plain(path, data, k) for k in data.files if k in wanted}, list(data.files)
     except InputError:
         raise
@@ -67,7 +75,7 @@ def raw_columns(path: Path, wanted: set[str]) -> tuple[dict[str, np.ndarray], li
 
 def _plain(path: Path, data: np.lib.npyio.NpzFile, key: str) -> np.ndarray:
     try:
-        check_values(path.name, key, math.prod(_stated_shape(data, key)))
+        check_values(path.name, key, math.prod(_stated(data, key)[0]))
         return data[key]
     except InputError:
         raise

@@ -13,6 +13,8 @@ from mpge_jax.diagnosis.recordings.formats import aliases
 from mpge_jax.diagnosis.recordings.formats.tables import Column, Log, Table, check_bytes, check_values, extra
 
 MAX_INFO = 10 << 20
+BATCH = 1 << 14
+"""Rows that are taken out of a file at a time."""
 SYNTHETIC = "frame_index / fps"
 SAID = (
     "times are frame_index / fps, made up by the recorder and not measured: how late commands or readings were is not "
@@ -73,12 +75,12 @@ def _read_files(files: list[Path], features: dict[str, Any]) -> tuple[dict[str, 
             _check(file, source.metadata)
             titles = [f.name for f in source.schema_arrow if f.name not in unread and _is_numeric(f.type)]
             unread += [f.name for f in source.schema_arrow if f.name not in (*titles, *unread)]
-            table = source.read(columns=titles)
-        for title in titles:
-            values = _matrix(file, title, table.column(title))
-            total += values.size
-            check_values(file.name, title, total)
-            pieces.setdefault(title, []).append(values)
+            for batch in source.iter_batches(BATCH, columns=titles):
+                for title in titles:
+                    values = _matrix(file, title, batch.column(title))
+                    total += values.size
+                    check_values(file.name, title, total)
+                    pieces.setdefault(title, []).append(values)
     rows = sum(len(v) for v in next(iter(pieces.values()), []))
     out = {}
     for title, found in pieces.items():
@@ -90,13 +92,11 @@ def _read_files(files: list[Path], features: dict[str, Any]) -> tuple[dict[str, 
 
 
 def _check(file: Path, metadata: Any) -> None:
-    """Refuse, by what the file states, columns that would fill the memory."""
+    """Refuse, by what the file states, rows that would fill the memory."""
+    check_values(file.name, "rows", int(metadata.num_rows))
     for g in range(metadata.num_row_groups):
-        group = metadata.row_group(g)
-        for c in range(group.num_columns):
-            column = group.column(c)
-            check_bytes(file.name, f"'{column.path_in_schema}'", int(column.total_uncompressed_size))
-            check_values(file.name, column.path_in_schema, int(column.num_values))
+        # not column by column: asked for a damaged one, pyarrow ends the process
+        check_bytes(file.name, "a group of rows", int(metadata.row_group(g).total_byte_size))
 
 
 def _is_numeric(kind: Any) -> bool:
@@ -108,15 +108,11 @@ def _is_numeric(kind: Any) -> bool:
 
 def _matrix(file: Path, title: str, column: Any) -> np.ndarray:
     """Rows of numbers, or of lists of equally many numbers, as [T, n]."""
-    rows = len(column)
-    flat = column.combine_chunks()
-    if hasattr(flat, "chunks"):
-        flat = extra("pyarrow", "lerobot").concat_arrays(flat.chunks)
-    if hasattr(flat, "flatten") and hasattr(flat.type, "value_type"):
-        lengths = np.unique(
-            extra("pyarrow.compute", "lerobot").list_value_length(flat).to_numpy(zero_copy_only=False)
-        )
-        if rows and (lengths.size != 1 or not lengths[0] > 0):
+    rows, flat = len(column), column
+    if hasattr(flat.type, "value_type"):
+        lengths = extra("pyarrow.compute", "lerobot").list_value_length(flat)
+        widths = np.unique(np.asarray(lengths.to_numpy(zero_copy_only=False), dtype=float))
+        if rows and (widths.size != 1 or not widths[0] > 0):
             raise InputError(f"{file.name}: rows of '{title}' hold different numbers of values.")
         flat = flat.flatten()
     values = np.asarray(flat.to_numpy(zero_copy_only=False), dtype=float)

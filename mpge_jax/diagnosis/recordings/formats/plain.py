@@ -45,41 +45,43 @@ def read_csv(
     return out, lines
 
 
-def aliased_log(path: Path) -> Log | None:
-    """A run of the columns that have a known name, or None where there are none."""
+def aliased_log(path: Path, every: bool = False) -> Log | None:
+    """A run of the columns that have a known name (or `every` column of numbers), or None where there are none."""
     _, titles = raw_columns(path, set())
     csv = path.suffix.lower() == ".csv"
-    groups = _grouped(titles) if csv else {t: {t: ""} for t in titles}
-    found = aliases.best(groups)
-    if not found:
-        return None
-    raw, _ = raw_columns(path, {t for key in found.values() for t in groups[key]})
-    time, columns = None, []
-    for key, title in found.items():
+    groups = _grouped(titles, every) if csv else {t: {t: ""} for t in titles}
+    found = {title: key for key, title in aliases.best(groups).items()}
+    wanted = list(groups) if every else list(found)
+    raw, _ = raw_columns(path, {t for title in wanted for t in groups[title]}, every)
+    time, columns, unread = None, [], []
+    for title in wanted:
         members = groups[title]
-        values = np.stack([raw[t] for t in members], axis=1) if csv else raw[title]
-        if values.dtype.kind not in "fiub" or values.ndim not in (1, 2):
+        if any(t not in raw or raw[t].dtype.kind not in "fiub" or raw[t].ndim not in (1, 2) for t in members):
+            unread.append(title)
             continue
+        values = np.stack([raw[t] for t in members], axis=1) if csv else raw[title]
         values = np.asarray(values if values.ndim == 2 else values[:, None], dtype=float)
-        if key == "time":
+        if csv and every and np.isnan(values).all():  # words
+            unread.append(title)
+            continue
+        if found.get(title) == "time":
             time = values[:, 0]
             continue
-        parts = tuple(members.values())
-        columns.append(
-            Column(
-                title, values, parts if csv and not all(p.isdigit() or not p for p in parts) else None, key
-            )
-        )
-    if not columns:
-        return None if time is None else Log(path.stem, (Table("", (), time, "its own times"),))
-    return Log(path.stem, (Table("", tuple(columns), time, "its own times"),))
+        named = csv and not all(p.isdigit() or not p for p in members.values())
+        parts = tuple(members.values()) if named else None
+        columns.append(Column(title, values, parts, found.get(title), titles=tuple(members) if csv else None))
+    if not columns and time is None:
+        return None
+    return Log(path.stem, (Table("", tuple(columns), time, "its own times"),), unread=tuple(unread))
 
 
-def _grouped(titles: list[str]) -> dict[str, dict[str, str]]:
+def _grouped(titles: list[str], every: bool) -> dict[str, dict[str, str]]:
     """Array to the titles of its columns, each with the name of its part: `action[0]`, `action[1]` are one array."""
     out: dict[str, dict[str, str]] = {}
     for title in titles:
         whole = (title, "") if aliases.meaning(title) else aliases.split_title(title)
+        if whole is None and every:
+            whole = (title, "")
         if whole is not None and titles.count(title) == 1:
             out.setdefault(whole[0], {})[title] = whole[1]
     for members in out.values():

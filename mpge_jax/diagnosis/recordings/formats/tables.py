@@ -27,6 +27,7 @@ class Column:
         means: the key of a recording (`qpos`, `qvel`, `ctrl`, `actuator_force`) or `state` (MuJoCo's time, qpos, qvel
             and act in one row), where the format says so.
         quantity: what a command sets, `position`, `velocity` or `effort`, where the log tells.
+        titles: of the n parts, where each is a column of its own in the file.
     """
 
     title: str
@@ -34,6 +35,7 @@ class Column:
     parts: tuple[str, ...] | None = None
     means: str | None = None
     quantity: str | None = None
+    titles: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
