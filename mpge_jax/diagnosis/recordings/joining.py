@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.recordings.joint_names import (
     match_actuators,
     numbered,
 )
-from mpge_jax.diagnosis.recordings.rows_in_time import Clock, held, interpolated
+from mpge_jax.diagnosis.recordings.rows_in_time import Clock, held, interpolated, middles
 
 Array = np.ndarray
 LISTED = 300
@@ -35,26 +35,47 @@ class Joined:
         data: arrays by the keys of a recording; a number that was not found is NaN.
         found: what stands where: `qpos:elbow` to the column that it is read from, and which of its parts.
         notes: what a user should know of how it was read.
+        lag: s after their stamps that commands on a clock of their own are taken to act.
+        apart: those clocks, by the table's title.
     """
 
     base: Table
+    lag: float = 0.0
     data: dict[str, Array] = field(default_factory=dict)
     found: dict[str, tuple[Column, int]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    apart: dict[str, Clock] = field(default_factory=dict)
+
+    def at_rows(self, table: Table, value: Array, key: str) -> Array | None:
+        """A column [S] of any table at the rows of `base` [T]: commands held until the next, others interpolated. None
+        where one of the two has no times."""
+        if table is self.base:
+            return value
+        if table.time is None or self.base.time is None:
+            return None
+        clock = Clock.of(self.base, table)
+        time = table.time - clock.ahead
+        if key != "ctrl":
+            return interpolated(self.base.time, time, value)
+        self.apart[table.title] = clock
+        return held(middles(self.base.time), time + self.lag, value)
 
 
-def join(log: Log, model: mujoco.MjModel, names: Names, mapped: Mapping[str, str] | None = None) -> Joined:
+def join(
+    log: Log, model: mujoco.MjModel, names: Names, mapped: Mapping[str, str] | None = None, lag: float = 0.0
+) -> Joined:
     """Read a log without being told what its columns are, except for those that a map names.
 
     Args:
         mapped: keys of a recording that a map fills (`qpos`, ...) to one of the titles that it reads them from. These
             keys are left to the map, and positions decide whose rows the recording has.
+        lag: see `Joined`.
 
     Raises:
         InputError: nothing in the log is recognised as positions.
     """
     mapped = mapped or {}
-    out = Joined(_base(log, model, names, mapped))
+    out = Joined(_base(log, model, names, mapped), lag)
     out.notes += log.notes
     fill(out, log, mapped, model, names)
     return out
@@ -157,17 +178,15 @@ def _measured(out: Joined, log: Log, key: str, model: mujoco.MjModel, names: Nam
             new = {i: j for i, j in _places(column, key, model, names).items() if np.isnan(array[:, j]).all()}
             if not new:
                 continue
-            if table is not out.base:
-                if table.time is None or out.base.time is None:
-                    continue
-                out.notes.append(f"{column.title} is interpolated at the times of {out.base.title}.")
             for i, j in sorted(new.items(), key=lambda pair: pair[1]):
-                value = column.values[:, i]
-                if table is not out.base:
-                    value = interpolated(out.base, table, value)
+                value = out.at_rows(table, column.values[:, i], key)
+                if value is None:
+                    continue
                 array[:, j] = value * _per_force(key, j, model)
                 out.found[_where(key, j, model, names)] = (column, i)
-    if out.found and any(k.startswith(f"{key}:") for k in out.found):
+            if table is not out.base and out.base.time is not None and table.time is not None:
+                out.notes.append(f"{column.title} is interpolated at the times of {out.base.title}.")
+    if any(k.startswith(f"{key}:") for k in out.found):
         out.data[key] = array
         return
     for column in (c for t in log.tables for c in t.columns if c.means == key):
@@ -205,7 +224,6 @@ def _commands(out: Joined, log: Log, model: mujoco.MjModel, names: Names) -> Non
     """Commands of every actuator from the first column that has them in the quantity that it is told, held until the
     next."""
     array = np.full((out.base.rows, model.nu), np.nan)
-    clocks: dict[str, Clock] = {}
     unfit: dict[str, list[str]] = {}
     also: dict[str, list[str]] = {}
     # sent on a topic of their own before what a controller says that it was told
@@ -223,12 +241,9 @@ def _commands(out: Joined, log: Log, model: mujoco.MjModel, names: Names) -> Non
                 if not np.isnan(array[:, a]).all():
                     also.setdefault(column.title, []).append(names.actuators[a])
                     continue
-                value = column.values[:, i]
-                if table is not out.base:
-                    if table.time is None or out.base.time is None:
-                        continue
-                    clocks.setdefault(table.title, Clock.of(out.base, table))
-                    value = held(out.base.time, table.time - clocks[table.title].ahead, value)
+                value = out.at_rows(table, column.values[:, i], "ctrl")
+                if value is None:
+                    continue
                 array[:, a] = value
                 out.found[f"ctrl:{names.actuators[a]}"] = (column, i)
     lacking = [names.actuators[a] for a in range(model.nu) if np.isnan(array[:, a]).all()]
@@ -242,8 +257,8 @@ def _commands(out: Joined, log: Log, model: mujoco.MjModel, names: Names) -> Non
         return
     if not lacking:
         out.data["ctrl"] = array
-        out.notes += [note for clock in clocks.values() for note in clock.notes]
     else:
+        out.apart.clear()
         out.notes.append(f"commands of {_few(lacking)} were not found, so no commands are read.")
 
 
@@ -270,21 +285,12 @@ def columns_at(joined: Joined, log: Log) -> Lookup:
     def look(title: str, key: str) -> tuple[Array, tuple[str, ...] | None] | None:
         for table in log.tables:
             for column in (c for c in table.columns if c.title == title):
-                values = column.values
-                if table is not joined.base:
-                    if table.time is None or joined.base.time is None or key == "time":
-                        return None
-                    clock = Clock.of(joined.base, table)
-                    joined.notes += [n for n in clock.notes if key == "ctrl" and n not in joined.notes]
-                    values = np.stack(
-                        [
-                            held(joined.base.time, table.time - clock.ahead, v)
-                            if key == "ctrl"
-                            else interpolated(joined.base, table, v)
-                            for v in values.T
-                        ],
-                        axis=1,
-                    )
+                if table is not joined.base and key == "time":
+                    return None
+                at_rows = [joined.at_rows(table, v, key) for v in column.values.T]
+                if any(v is None for v in at_rows):
+                    return None
+                values = np.stack([v for v in at_rows if v is not None], axis=1)
                 return (values if values.shape[1] > 1 else values[:, 0]), column.parts
         return None
 

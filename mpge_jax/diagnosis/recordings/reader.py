@@ -14,6 +14,7 @@ import numpy as np
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.column_map import apply, apply_to, sources
+from mpge_jax.diagnosis.recordings.command_lag import NOT_TOLD, common_lag
 from mpge_jax.diagnosis.recordings.formats.arrays import KEYS, raw_columns, read_npz
 from mpge_jax.diagnosis.recordings.formats.plain import aliased_log, read_csv
 from mpge_jax.diagnosis.recordings.formats.registry import ARRAYS, find_files, other_logs, read_logs
@@ -107,7 +108,30 @@ def read_log(
         InputError: it cannot be used; the message says what to do.
     """
     columns = columns or {}
-    joined = join(log, model, names, mapped_keys(columns))
+    data, notes, joined = _at_rows(log, path, model, names, columns, 0.0)
+    if joined.apart and "ctrl" in data:
+        lag = common_lag(data["time"], data["qpos"], data.get("qvel"), data["ctrl"], model)
+        if lag is not None and lag.matters:
+            data, notes, _ = _at_rows(log, path, model, names, columns, lag.common)
+        said = NOT_TOLD if lag is None else lag.told(names.actuators)
+        notes = [
+            *(f"{log.name}: {clock.told}." for clock in joined.apart.values()),
+            f"{log.name}: {said}",
+            *notes,
+        ]
+    recording = _recording(log.name, _readable(log.name), data, model, names, row_from_zero, notes)
+    return replace(recording, origin=log.origin)
+
+
+def _at_rows(
+    log: Log, path: Path, model: mujoco.MjModel, names: Names, columns: Mapping[str, object], lag: float
+) -> tuple[dict[str, np.ndarray], list[str], Joined]:
+    """A log's arrays by the keys of a recording, what there is to say of them, and how they were found.
+
+    Args:
+        lag: s after their stamps that commands on another clock than the states are taken to act.
+    """
+    joined = join(log, model, names, mapped_keys(columns), lag)
     data = joined.data
     if columns:
         data = apply_to(log.name, columns_at(joined, log), [listed(log)], data, columns, model, names)
@@ -121,11 +145,7 @@ def read_log(
             f"{log.name}: no positions were found; {path.name} has {listed(log)} (--map says which)."
         )
     data, dropped = without_empty_rows(log.name, data)
-    notes = [f"{log.name}: {note}" for note in joined.notes]
-    recording = _recording(
-        log.name, _readable(log.name), data, model, names, row_from_zero, [*notes, *dropped]
-    )
-    return replace(recording, origin=log.origin)
+    return data, [*(f"{log.name}: {note}" for note in joined.notes), *dropped], joined
 
 
 def _readable(name: str) -> str:

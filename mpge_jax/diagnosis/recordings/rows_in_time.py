@@ -13,37 +13,32 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Clock:
-    """How the stamps of commands relate to those of states.
+    """How the stamps of a table relate to those of the states: s by which its clock is ahead, and that in words."""
 
-    Attributes:
-        ahead: s by which the commands' clock is ahead, to be taken off their stamps.
-        notes: what a user should know of it.
-    """
-
-    ahead: float = 0.0
-    notes: tuple[str, ...] = ()
+    ahead: float
+    told: str
 
     @classmethod
-    def of(cls, states: Table, commands: Table) -> Clock:
-        """Stamps of two kinds are brought together by what the recorder received: the states' least time under way is
-        taken for the difference between the clocks."""
-        known = states.time is not None and states.received is not None and states.received.size > 0
-        ahead = 0.0
-        told = f"commands ({commands.title}) and states ({states.title}) come by ways of their own"
-        if known and states.clock != commands.clock:
-            sign = 1.0 if commands.clock == "receive stamps" else -1.0
-            table = states if sign > 0 else commands
-            assert table.time is not None and table.received is not None
-            ahead = sign * float(np.min(table.received - table.time))
-            told += (
-                f", with {commands.clock} and {states.clock}: {ahead:.4g} s were taken off the former, the least that "
-                "lay between the two kinds"
-            )
-        note = (
-            f"{told}. Each command is held from the first row of the states after it. A lag that all actuators have in "
-            "common is clock or delay, and this log does not tell which."
+    def of(cls, states: Table, other: Table) -> Clock:
+        """Stamps of two kinds are brought together by what the recorder received: the least time between a header's
+        stamp and its arrival is taken for the difference between the clocks."""
+        told = f"{other.title} comes apart from {states.title}"
+        if states.received is None or states.clock == other.clock:
+            return cls(0.0, told)
+        sign = 1.0 if other.clock == "receive stamps" else -1.0
+        stamped = states if sign > 0 else other
+        assert stamped.time is not None and stamped.received is not None
+        ahead = sign * float(np.min(stamped.received - stamped.time))
+        between = (
+            f"by {other.clock} beside {states.clock}, between which lay {1e3 * abs(ahead):.4g} ms at least"
         )
-        return cls(ahead, (note,))
+        return cls(ahead, f"{told}, {between}: taken off")
+
+
+def middles(time: Array) -> Array:
+    """[T] s half-way from each row to the next, which tells best what was sent for the time between them."""
+    steps = np.diff(time)
+    return time + 0.5 * np.append(steps, np.median(steps) if steps.size else 0.0)
 
 
 def held(time: Array, sent: Array, value: Array) -> Array:
@@ -56,13 +51,12 @@ def held(time: Array, sent: Array, value: Array) -> Array:
     return np.where(at >= 0, value[np.maximum(at, 0)], np.nan)
 
 
-def interpolated(base: Table, other: Table, value: Array) -> Array:
-    """`value` [S] of another table at the rows of `base`, linearly; NaN outside of its times."""
-    assert base.time is not None and other.time is not None
+def interpolated(time: Array, measured: Array, value: Array) -> Array:
+    """`value` [S], measured at `measured` [S], at the times [T], linearly; NaN outside of them."""
     known = np.isfinite(value)
     if known.sum() < 2:
-        return np.full(base.rows, np.nan)
-    return np.interp(base.time, other.time[known], value[known], left=np.nan, right=np.nan)
+        return np.full(time.size, np.nan)
+    return np.interp(time, measured[known], value[known], left=np.nan, right=np.nan)
 
 
 def without_empty_rows(name: str, data: dict[str, Array]) -> tuple[dict[str, Array], list[str]]:

@@ -93,7 +93,11 @@ def test_clocks_are_told(tmp_path):
         in text
     )
     assert "/arm/commands: 60 rows" in text and "by receive stamps" in text
-    assert "clock or delay" in text and "It can be diagnosed: 60 rows" in text
+    assert (
+        "/arm/commands comes apart" in text
+        and "may be the clock's" in text
+        and "It can be diagnosed: 60 rows" in text
+    )
     (o, _) = overviews(LOGS["lerobot"](tmp_path), *_model())
     text = summary(o, _model()[1])
     assert "50 a second by frame_index / fps, even by definition" in text

@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.formats.tables import Column, Log, Table
 from mpge_jax.diagnosis.recordings.joining import join, quantity_of
 from mpge_jax.diagnosis.recordings.joint_names import match, numbered
-from mpge_jax.diagnosis.recordings.rows_in_time import Clock, held, interpolated, without_empty_rows
+from mpge_jax.diagnosis.recordings.rows_in_time import Clock, held, interpolated, middles, without_empty_rows
 from tests.diagnosis.machines import ARM
 
 UR = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint"]
@@ -115,20 +115,29 @@ def test_two_clocks_are_brought_together_by_the_least_delay():
     sent = Table("/c", (), T + 5.0, "receive stamps", T + 5.0)
     clock = Clock.of(states, sent)
     assert clock.ahead == pytest.approx(5.001)
-    assert "5.001 s were taken off" in clock.notes[0] and "clock or delay" in clock.notes[0]
+    assert clock.told == (
+        "/c comes apart from /s, by receive stamps beside header stamps, between which lay 5001 ms at least: taken off"
+    )
     same = Clock.of(states, Table("/c", (), T, "header stamps", received))
-    assert same.ahead == 0.0 and "clock or delay" in same.notes[0]
+    assert same.ahead == 0.0 and same.told == "/c comes apart from /s"
     # the other way round
     back = Clock.of(Table("/s", (), T + 5.0, "receive stamps", T + 5.0), _table("/c", T, received=received))
     assert back.ahead == pytest.approx(-5.001)
 
 
 def test_other_tables_are_interpolated_where_they_reach():
-    other = Table("/b", (), np.array([0.05, 0.25]), "header stamps")
-    np.testing.assert_allclose(
-        interpolated(_table("/s", T, position=Q), other, np.array([1.0, 3.0])),
-        [np.nan, 1.5, 2.5, np.nan, np.nan, np.nan],
-    )
+    found = interpolated(T, np.array([0.05, 0.25]), np.array([1.0, 3.0]))
+    np.testing.assert_allclose(found, [np.nan, 1.5, 2.5, np.nan, np.nan, np.nan])
+
+
+def test_a_row_holds_what_was_sent_by_the_middle_of_its_time():
+    np.testing.assert_allclose(middles(np.array([0.0, 0.1, 0.4])), [0.05, 0.25, 0.5])
+    sent = Table("/c", (Column("/c", np.arange(6.0)[:, None], means="ctrl"),), T + 0.04, "header stamps")
+    out = join(Log("run", (_table("/s", T, position=Q),)), *_arm())
+    np.testing.assert_array_equal(out.at_rows(sent, np.arange(6.0), "ctrl"), np.arange(6.0))
+    out.lag = 0.02
+    np.testing.assert_array_equal(out.at_rows(sent, np.arange(6.0), "ctrl"), [np.nan, 0, 1, 2, 3, 4])
+    assert list(out.apart) == ["/c"]
 
 
 def test_rows_without_a_reading_are_left_out():

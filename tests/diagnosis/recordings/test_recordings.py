@@ -336,7 +336,7 @@ def test_size_is_read_from_the_header_before_the_array_is_loaded(tmp_path, arm, 
 
 
 def test_a_table_that_is_too_long_is_told(tmp_path, arm, monkeypatch):
-    from mpge_jax.diagnosis.recordings import csv_table
+    from mpge_jax.diagnosis.recordings.formats import csv_table
 
     monkeypatch.setattr(csv_table, "MAX_VALUES", 5)
     path = tmp_path / "run.csv"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.recordings.csv_table import read_table
+from mpge_jax.diagnosis.recordings.formats.csv_table import read_table
 from mpge_jax.diagnosis.recordings.formats.tables import check_values
 
 KEYS = {"time": "time", "qpos": "qpos", "qvel": "qvel", "ctrl": "ctrl", "actuator_force": "force"}

@@ -11,9 +11,9 @@ import numpy as np
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.column_map import csv_places
-from mpge_jax.diagnosis.recordings.csv_table import read_table
 from mpge_jax.diagnosis.recordings.formats import aliases
 from mpge_jax.diagnosis.recordings.formats.arrays import KEYS, raw_columns
+from mpge_jax.diagnosis.recordings.formats.csv_table import read_table
 from mpge_jax.diagnosis.recordings.formats.tables import Column, Log, Table
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.recordings.csv_table import MAX_VALUES
+from mpge_jax.diagnosis.recordings.formats.csv_table import MAX_VALUES
 
 Array = np.ndarray
 MAX_BYTES = 1 << 30
