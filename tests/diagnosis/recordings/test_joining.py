@@ -28,6 +28,7 @@ UR = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint
         # of two that fit equally well neither is taken
         (["left_knee", "right_knee"], ["knee"], {}),
         (["left_knee", "knee", "right_knee"], ["knee"], {1: 0}),
+        (["left_knee", "right_knee", "spare_left_knee"], ["knee"], {}),
         (["joint11"], ["joint1"], {}),
         (["a", "a"], ["a"], {}),
         (["hand_x"], ["elbow"], {}),
@@ -123,6 +124,13 @@ def test_two_clocks_are_brought_together_by_the_least_delay():
     # the other way round
     back = Clock.of(Table("/s", (), T + 5.0, "receive stamps", T + 5.0), _table("/c", T, received=received))
     assert back.ahead == pytest.approx(-5.001)
+
+
+def test_commands_are_read_on_the_clock_of_the_states():
+    states = _table("/s", T, received=T + 5.0, position=Q)
+    ctrl = np.arange(12.0).reshape(6, 2)
+    commands = Table("/c", (Column("/c/data", ctrl, None, "ctrl"),), T + 5.0, "receive stamps", T + 5.0)
+    np.testing.assert_array_equal(join(Log("run", (states, commands)), *_arm()).data["ctrl"], ctrl)
 
 
 def test_other_tables_are_interpolated_where_they_reach():

@@ -47,6 +47,17 @@ def test_times_that_a_recorder_made_up_are_told_as_such(tmp_path, arm):
     assert lerobot.SAID not in "".join(measured.warnings)
 
 
+def test_frames_are_put_in_their_order(tmp_path, arm):
+    import pyarrow.parquet as pq
+
+    folder = write_lerobot(tmp_path / "a", 3, NAMES)
+    (file,) = folder.rglob("*.parquet")
+    rows = np.random.default_rng(0).permutation(2 * ROWS)
+    pq.write_table(pq.read_table(file).take(rows), file)
+    for k, r in enumerate(load_recordings([folder], *arm)):
+        np.testing.assert_allclose(r.qpos, motion()["qpos"] + k, atol=1e-6)
+
+
 def test_info_leads_to_no_other_folder_and_is_checked(tmp_path, arm):
     folder = write_lerobot(tmp_path / "a", 2, NAMES)
     info = folder / "meta" / "info.json"

@@ -103,6 +103,9 @@ def test_a_bags_metadata_leads_to_no_other_folder(tmp_path, arm):
     about = bag / "metadata.yaml"
     text = about.read_text()
     about.write_text(text.replace("- run.db3", "- ../../elsewhere/run.db3"))
+    # a part that is not listed belongs to another bag
+    other = write_ros2(tmp_path / "other", arm_messages(store(), origin=2 * 10**18), store())
+    shutil.copy(other / "other.db3", bag / "old.db3")
     _is_the_arm(*load_recordings([bag], *arm))
     about.write_text(text.replace("- run.db3", "- ../other.db3"))
     with pytest.raises(InputError, match=r"other\.db3 of the bag is not in its folder"):
@@ -135,6 +138,15 @@ def test_receive_stamps_count_where_no_header_has_a_stamp(tmp_path, arm):
     stamped = write_ros2(tmp_path / "stamped", _states(store(), lambda *_: None), store())
     (found,) = load_recordings([stamped], *arm)
     np.testing.assert_allclose(np.diff(found.time), 0.01, atol=1e-8)
+
+
+def test_rows_are_put_in_the_order_of_their_stamps(tmp_path, arm):
+    states = _states(store(), lambda *_: None)
+    later = states[:10] + states[10:40][::-1] + states[40:]
+    swapped = [(topic, ns, m) for (topic, ns, _), (_, _, m) in zip(states, later, strict=True)]
+    bag = write_ros2(tmp_path / "run", swapped, store())
+    (found,) = load_recordings([bag], *arm)
+    np.testing.assert_allclose(found.qpos, motion()["qpos"])
 
 
 def test_joints_in_messages_of_their_own_are_put_together(tmp_path, arm):
