@@ -55,5 +55,7 @@ def _time(overview: Overview) -> Iterable[str]:
 
 def _named(column: Column) -> str:
     """A column and its parts, on one line of a comment."""
+    if column.values.shape[1] == 1:
+        return " ".join(column.title.split())
     parts = column.titles or column.parts or (f"{column.values.shape[1]} parts",)
     return " ".join(f"{column.title} [{', '.join(parts)}]".split())

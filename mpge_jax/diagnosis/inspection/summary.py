@@ -94,4 +94,5 @@ def _verdict(o: Overview) -> str:
     if o.recording is None:
         return f"It cannot be diagnosed as it is: {o.problem}"
     r = o.recording
-    return f"It can be diagnosed: {r.time.size} rows, {r.duration:.4g} s."
+    first = ", once what looks wrong is put right" if o.doubts else ""
+    return f"It can be diagnosed{first}: {r.time.size} rows, {r.duration:.4g} s."

@@ -11,6 +11,7 @@ import numpy as np
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.column_map import Lookup, csv_places
+from mpge_jax.diagnosis.recordings.formats import aliases
 from mpge_jax.diagnosis.recordings.formats.tables import Column, Log, Table
 from mpge_jax.diagnosis.recordings.joint_names import (
     driven_joints,
@@ -182,7 +183,7 @@ def _measured(out: Joined, log: Log, key: str, model: mujoco.MjModel, names: Nam
                 value = out.at_rows(table, column.values[:, i], key)
                 if value is None:
                     continue
-                array[:, j] = value * _per_force(key, j, model)
+                array[:, j] = value * _per_force(column, key, j, model)
                 out.found[_where(key, j, model, names)] = (column, i)
             if table is not out.base and out.base.time is not None and table.time is not None:
                 out.notes.append(f"{column.title} is interpolated at the times of {out.base.title}.")
@@ -200,9 +201,10 @@ def _targets(key: str, names: Names) -> tuple[str, ...]:
     return names.joints if key in ("qpos", "qvel") else names.actuators
 
 
-def _per_force(key: str, actuator: int, model: mujoco.MjModel) -> float:
+def _per_force(column: Column, key: str, actuator: int, model: mujoco.MjModel) -> float:
     """A joint's effort is a torque at the joint; the actuator's force is that by its gear."""
-    gear = float(model.actuator_gear[actuator, 0]) if key == "actuator_force" else 1.0
+    at_joint = key == "actuator_force" and not aliases.is_of_actuators(column.title)
+    gear = float(model.actuator_gear[actuator, 0]) if at_joint else 1.0
     return 1.0 / gear if gear else 1.0
 
 
@@ -259,6 +261,7 @@ def _commands(out: Joined, log: Log, model: mujoco.MjModel, names: Names) -> Non
         out.data["ctrl"] = array
     else:
         out.apart.clear()
+        out.found = {target: source for target, source in out.found.items() if not target.startswith("ctrl:")}
         out.notes.append(f"commands of {_few(lacking)} were not found, so no commands are read.")
 
 

@@ -100,6 +100,8 @@ def test_a_command_is_taken_from_the_quantity_that_its_actuator_is_told():
     only = join(Log("run", (_table("/s", T, position=Q), _table("/c", T, target=target))), *_arm())
     assert "ctrl" not in only.data
     assert any("commands of position, but the model's actuators are told an effort" in n for n in only.notes)
+    # commands of one actuator alone are no commands
+    assert not [target for target in only.found if target.startswith("ctrl")] and not only.apart
 
 
 def test_commands_are_held_until_the_next_one():
@@ -172,6 +174,9 @@ def test_forces_at_joints_are_those_of_actuators_by_their_gear():
     )
     out = join(Log("run", (Table("/s", columns, T, "header stamps"),)), model, names_of(model))
     np.testing.assert_allclose(out.data["actuator_force"][:, 0], (8 + T) / 4)
+    of_actuators = Column("actuator_force", np.stack([8 + T, T, T, T, T], 1), None, "actuator_force")
+    own = join(Log("run", (Table("", (columns[0], of_actuators), T, ""),)), model, names_of(model))
+    np.testing.assert_allclose(own.data["actuator_force"][:, 0], 8 + T)
     # which of four actuators pushed, nobody knows
     assert np.isnan(out.data["actuator_force"][:, 1:]).all()
 

@@ -583,3 +583,6 @@ def test_logs_in_formats_that_are_not_read_are_told(tmp_path, arm):
     np.savez(tmp_path / "run.npz", time=0.01 * np.arange(20), qpos=np.zeros((20, 2)), ctrl=np.zeros((20, 2)))
     (found,) = load_recordings([tmp_path], *arm)
     assert "robot.mcap: not read" in found.warnings[0]
+    # also where a bag's own folder holds them
+    (tmp_path / "metadata.yaml").write_text("")
+    assert [r.name for r in load_recordings([tmp_path], *arm)] == ["run"]

@@ -43,6 +43,11 @@ def meaning(title: str) -> str | None:
     return None if found is None else found[0]
 
 
+def is_of_actuators(title: str) -> bool:
+    """Whether forces of that title are those of actuators, before their gears, and not of joints."""
+    return _plain(title).endswith("actuator.force")
+
+
 def best(titles: Iterable[str]) -> dict[str, str]:
     """Key to the title that holds it, of several the likeliest."""
     out: dict[str, str] = {}

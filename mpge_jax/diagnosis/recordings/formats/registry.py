@@ -37,7 +37,10 @@ ENDINGS = tuple(e for f in FORMATS for e in f.endings)
 def format_of(path: Path) -> Format | None:
     """The format of a file or a folder that is one log; None for .npz, .csv and what is not read."""
     if path.is_dir():
-        return next((f for f in FORMATS if f.is_folder(path)), None)
+        try:
+            return next((f for f in FORMATS if f.is_folder(path)), None)
+        except PermissionError:
+            return None
     return next((f for f in FORMATS if path.suffix.lower() in f.endings), None)
 
 
@@ -54,6 +57,8 @@ def read_logs(path: Path) -> list[Log]:
         return found.read(path)
     except InputError:
         raise
+    except PermissionError as error:
+        raise InputError(f"cannot read {path.name}: {error.strerror}.") from None
     except Exception as error:  # each of the packages has exceptions of its own for damaged bytes
         what = " ".join(str(error).split())[:150]
         raise InputError(
@@ -70,7 +75,7 @@ def find_files(paths: Iterable[str | Path]) -> list[Path]:
     files: list[Path] = []
     for entry in map(Path, paths):
         if entry.is_dir():
-            files += [entry] if format_of(entry) else _inside(entry)
+            files += _inside(entry)
         elif entry.is_file():
             if entry.suffix.lower() not in (*ARRAYS, *ENDINGS):
                 raise InputError(f"{entry.name} is neither .npz nor .csv nor {', '.join(ENDINGS)}.")
@@ -88,6 +93,8 @@ def _inside(folder: Path) -> list[Path]:
     arrays = sorted(p for p in folder.iterdir() if p.suffix.lower() in ARRAYS and p.is_file())
     if arrays:
         return [p for p in arrays if p.name != "next_experiment.npz"]
+    if format_of(folder):
+        return [folder]
     logs = sorted(p for p in folder.iterdir() if format_of(p))
     if not logs:
         other = ", ".join(other_logs(folder))
