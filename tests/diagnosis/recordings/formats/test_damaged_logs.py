@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -100,6 +101,49 @@ def test_any_bytes_are_refused_in_one_sentence(tmp_path, arm, ending, content):
     with pytest.raises(InputError, match=r"^cannot read run.*damaged or cut off") as caught:
         load_recordings([path], *arm)
     assert "\n" not in str(caught.value)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+FEATURE = st.dictionaries(st.sampled_from(["dtype", "shape", "names"]), JSON, max_size=3)
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(fps=JSON, feature=FEATURE | JSON, rest=JSON)
+def test_any_info_of_a_dataset_gives_recordings_or_one_sentence(logs, arm, fps, feature, rest):
+    file, path, whole = logs["lerobot"]
+    file.write_bytes(whole)
+    info = path / "meta" / "info.json"
+    before = info.read_text()
+    for said in (
+        {"fps": fps, "features": {}},
+        {"fps": 50, "features": {"observation.state": feature, "x": rest}},
+    ):
+        info.write_text(json.dumps(said))
+        try:
+            assert all(r.qpos.shape == (r.time.size, 2) for r in load_recordings([path], *arm))
+        except InputError as error:
+            assert "\n" not in str(error)
+    info.write_text(before)
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(about=JSON, files=JSON, mode=JSON)
+def test_any_metadata_of_a_bag_gives_a_recording_or_one_sentence(logs, arm, about, files, mode):
+    file, _, whole = logs["ros2"]
+    file.write_bytes(whole)
+    metadata = file.parent / "metadata.yaml"
+    known = {"relative_file_paths": files, "compression_mode": mode}
+    for said in (about, {"rosbag2_bagfile_information": about}, {"rosbag2_bagfile_information": known}):
+        metadata.write_text(json.dumps(said))
+        try:
+            (found,) = load_recordings([file.parent], *arm)
+            assert found.qpos.shape == (ROWS, 2)
+        except InputError as error:
+            assert "\n" not in str(error)
 
 
 @pytest.mark.parametrize(
