@@ -21,7 +21,7 @@ SUPPORTED := import ensurepip, sys, venv; \
 CANDIDATES := $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python)
 
 .DEFAULT_GOAL := help
-.PHONY: help install cuda sweep diagnose pretrain benchmark test test-slow check format lock clean FORCE
+.PHONY: help install cuda sweep inspect diagnose pretrain benchmark test test-slow check format lock clean FORCE
 
 help: ## list the targets
 	@echo "mpge-jax. The first target that needs it installs everything into $(VENV) (Python 3.11 to 3.13)."
@@ -37,6 +37,9 @@ cuda: $(STAMP) ## add JAX for NVIDIA GPUs and MJX-Warp (Linux)
 
 sweep: $(STAMP) ## the main job: compare all methods on a quick task (10 to 20 minutes on two cores)
 	$(PY) -m experiments.sweep --preset quick $(ARGS)
+
+inspect: $(STAMP) ## look at a log before it is diagnosed: ARGS='LOG --model M.xml'
+	$(PY) -m experiments.inspect $(ARGS)
 
 diagnose: $(STAMP) ## name the mismatch in recordings: ARGS='--model M.xml --recordings DIR --out DIR'
 	$(PY) -m experiments.diagnose $(ARGS)

@@ -37,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
         required=True,
         nargs="+",
         type=Path,
-        help=".npz or .csv recordings, or folders of them",
+        help="recordings (.npz, .csv, .h5, .bag, .db3, .mcap, LeRobot) or folders of them",
     )
     out.add_argument("--out", required=True, type=Path, help="folder for the results")
     out.add_argument(

@@ -19,7 +19,7 @@ ROOMS = (
     f"{D}.errors", f"{D}.config",
     f"{D}.machine", f"{D}.recordings", f"{D}.effects", f"{D}.simulation", f"{D}.estimation", f"{D}.dataset",
     f"{D}.evidence", f"{D}.selection", f"{D}.measurement", f"{D}.drives", f"{D}.force_balance", f"{D}.verdict",
-    f"{D}.corrected", f"{D}.report", f"{D}.diagnosis", f"{D}.pipeline", D,
+    f"{D}.corrected", f"{D}.report", f"{D}.inspection", f"{D}.diagnosis", f"{D}.pipeline", D,
     "mpge_jax",
     f"{B}.vocabulary", f"{B}.robots", f"{B}.truth", f"{B}.visibility", f"{B}.draws", f"{B}.case", f"{B}.build",
     f"{B}.run", f"{B}.scoring", B,

@@ -12,7 +12,7 @@ import tyro
 
 import envs
 from envs import registry
-from experiments import benchmark, diagnose, pretrain, results, sweep
+from experiments import benchmark, diagnose, inspect, pretrain, results, sweep
 from experiments.methods import METHODS
 from experiments.presets import PRESETS
 
@@ -72,6 +72,8 @@ def test_the_commands_are_understood() -> None:
         assert preset.name in PRESETS
     for arguments in commands("experiments.diagnose"):
         assert diagnose.parser().parse_args(arguments).model
+    for arguments in commands("experiments.inspect"):
+        assert inspect.parser().parse_args(arguments).log
     for module, tool in ((benchmark, "benchmark"), (results, "results"), (pretrain, "pretrain")):
         for arguments in commands(f"experiments.{tool}"):
             tyro.cli(module.Args, args=arguments)

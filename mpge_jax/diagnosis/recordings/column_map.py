@@ -4,15 +4,17 @@
       time: {from: t, scale: 1.0e-3}
       qpos:shoulder: {from: q_shoulder_deg, unit: deg, offset: 0.0}
       ctrl:tau1: {from: command, column: 0}
+      qvel:shoulder: {from: /joint_states/velocity, column: shoulder_joint}
 
-`from` is a CSV title or an array of the .npz (with `column` where it has several); the value read is
-`scale * x + offset`, and `unit: deg` stands for scale pi/180. A unit must be one of what the column holds.
+`from` is a title of the log: of a CSV column, of an array, or of a field of a topic (with `column`, a number from 0 or
+the name of the part, where it has several); the value read is `scale * x + offset`, and `unit: deg` stands for scale
+pi/180. A unit must be one of what the column holds. Where a log has no times, `time: {step: 0.02}` makes them.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,7 @@ import yaml
 
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names
-from mpge_jax.diagnosis.recordings.csv_table import read_table
+from mpge_jax.diagnosis.recordings.formats.arrays import raw_columns
 
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
@@ -35,6 +37,9 @@ UNITS: dict[str, dict[str, float]] = {
 }
 """Units by what they measure, each with its size in SI units."""
 _KEYS = ("from", "column", "unit", "scale", "offset")
+_STEP_KEYS = ("step", "unit")
+Lookup = Callable[[str, str], tuple[np.ndarray, Sequence[str] | None] | None]
+"""A title and the key that it is for, to its values [T] or [T, n] and the names of its parts."""
 
 
 def load(path: Path) -> dict[str, Any]:
@@ -49,6 +54,8 @@ def load(path: Path) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f" (line {mark.line + 1}, column {mark.column + 1})"
         raise InputError(f"the map {path.name} is not valid YAML{where}; correct it.") from None
+    if isinstance(data, dict) and "columns" in data and data["columns"] is None:
+        return {}  # a map in which every line is a comment yet
     if not isinstance(data, dict) or not isinstance(data.get("columns"), dict):
         raise InputError(f"{path.name}: a map needs an entry 'columns' with one line per column.")
     return data["columns"]
@@ -76,47 +83,48 @@ def sources(columns: Mapping[str, Any]) -> set[str]:
     return {str(entry["from"]) for entry in entries if isinstance(entry, dict) and "from" in entry}
 
 
-def raw_columns(path: Path, wanted: set[str]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """The columns `wanted` of a file, before any meaning is given to them, and the titles of all."""
-    if path.suffix.lower() == ".csv":
-        titles, table, _ = read_table(path, lambda _title: False)
-        return {t: table[:, i] for i, t in enumerate(titles) if t in wanted}, list(titles)
-    try:
-        with path.open("rb") as binary, np.load(binary, allow_pickle=False) as data:
-            return {k: _plain(path, data, k) for k in data.files if k in wanted}, list(data.files)
-    except InputError:
-        raise
-    except Exception as error:  # damaged archives raise types of their own
-        raise InputError(f"cannot read {path.name}: {type(error).__name__}.") from None
-
-
-def _plain(path: Path, data: Mapping[str, np.ndarray], key: str) -> np.ndarray:
-    try:
-        return data[key]
-    except ValueError:  # objects, which only a pickle holds
-        raise InputError(f"{path.name}: the map's '{key}' does not hold plain numbers.") from None
-
-
 def apply(
     path: Path, data: dict[str, np.ndarray], columns: Mapping[str, Any], model: mujoco.MjModel, names: Names
 ) -> dict[str, np.ndarray]:
-    """Add the mapped columns to what was read from a file.
+    """Add the mapped columns of a CSV or npz file to what was read from it.
 
     Raises:
         InputError: an entry names nothing in the file or in the model, or is malformed.
     """
     raw, titles = raw_columns(path, sources(columns))
+
+    def look(title: str, _key: str) -> tuple[np.ndarray, None] | None:
+        return (raw[title], None) if title in raw else None
+
+    return apply_to(path.name, look, titles, data, columns, model, names)
+
+
+def apply_to(
+    log: str,
+    look: Lookup,
+    titles: Sequence[str],
+    data: Mapping[str, np.ndarray],
+    columns: Mapping[str, Any],
+    model: mujoco.MjModel,
+    names: Names,
+) -> dict[str, np.ndarray]:
+    """Add the mapped columns of any log to what was read from it.
+
+    Args:
+        log: its name in messages. look: gives its columns. titles: those that it has, for messages.
+
+    Raises:
+        InputError: an entry names nothing in the log or in the model, or is malformed.
+    """
     places, out = csv_places(model, names), dict(data)
     widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu, "actuator_force": model.nu}
     for target, entry in columns.items():
         entry = {"from": entry} if isinstance(entry, str) else entry
+        if target == "time" and isinstance(entry, dict) and "step" in entry:
+            continue
         if not isinstance(entry, dict) or "from" not in entry:
             raise InputError(f"map: '{target}' needs 'from' (what the file calls it).")
-        for key in map(str, entry):
-            if key not in _KEYS:
-                raise InputError(
-                    f"map: '{target}' has the unknown entry '{key}'{_nearest(key, _KEYS)} (known: {', '.join(_KEYS)})."
-                )
+        _check_keys(str(target), entry, _KEYS)
         key, _, rest = str(target).partition(":")
         if target != "time" and (key, rest) not in places:
             known = [f"{k}:{name}" for k, name in places]
@@ -124,23 +132,7 @@ def apply(
                 f"map: '{target}' names nothing in the model{_nearest(str(target), known)} (known: time, "
                 f"{', '.join(known)})."
             )
-        title = str(entry["from"])
-        if title not in raw:
-            raise InputError(
-                f"{path.name}: the map's '{title}' is not in the file (it has {', '.join(titles)})."
-            )
-        if raw[title].dtype.kind not in "fiub":
-            raise InputError(f"{path.name}: the map's '{title}' does not hold plain numbers.")
-        value = np.asarray(raw[title], dtype=float)
-        if value.ndim not in (1, 2):
-            raise InputError(
-                f"{path.name}: the map's '{title}' has {value.ndim} dimensions; columns have one, tables two."
-            )
-        if value.ndim == 2:
-            column = entry.get("column", 0)
-            if not isinstance(column, int) or not 0 <= column < value.shape[1]:
-                raise InputError(f"map: '{target}' needs a column between 0 and {value.shape[1] - 1}.")
-            value = value[:, column]
+        value = _value(log, look, titles, str(target), entry)
         size = 1.0 if "unit" not in entry else _size(str(target), str(entry["unit"]), model, names)
         try:
             value = value * size * float(entry.get("scale", 1.0)) + float(entry.get("offset", 0.0))
@@ -154,7 +146,63 @@ def apply(
             array = np.full((value.size, widths[key]), np.nan)
         out[key] = np.array(array, dtype=float)
         out[key][:, places[key, rest]] = value
-    return out
+    return _with_steps(out, columns.get("time"), model, names)
+
+
+def _check_keys(target: str, entry: Mapping[str, Any], known: Sequence[str]) -> None:
+    for key in map(str, entry):
+        if key not in known:
+            raise InputError(
+                f"map: '{target}' has the unknown entry '{key}'{_nearest(key, known)} (known: {', '.join(known)})."
+            )
+
+
+def _value(
+    log: str, look: Lookup, titles: Sequence[str], target: str, entry: Mapping[str, Any]
+) -> np.ndarray:
+    """The column [T] that an entry names."""
+    title = str(entry["from"])
+    found = look(title, target.partition(":")[0])
+    if found is None:
+        raise InputError(f"{log}: the map's '{title}' is not in the file (it has {', '.join(titles)}).")
+    raw, parts = found
+    if raw.dtype.kind not in "fiub":
+        raise InputError(f"{log}: the map's '{title}' does not hold plain numbers.")
+    value = np.asarray(raw, dtype=float)
+    if value.ndim not in (1, 2):
+        raise InputError(
+            f"{log}: the map's '{title}' has {value.ndim} dimensions; columns have one, tables two."
+        )
+    if value.ndim == 1:
+        return value
+    column = entry.get("column", 0)
+    if isinstance(column, str) and parts is not None:
+        if column not in parts:
+            raise InputError(
+                f"map: '{target}' needs one of {', '.join(parts)} as its column{_nearest(column, parts)}."
+            )
+        column = list(parts).index(column)
+    if not isinstance(column, int) or not 0 <= column < value.shape[1]:
+        raise InputError(f"map: '{target}' needs a column between 0 and {value.shape[1] - 1}.")
+    return value[:, column]
+
+
+def _with_steps(
+    data: dict[str, np.ndarray], entry: Any, model: mujoco.MjModel, names: Names
+) -> dict[str, np.ndarray]:
+    """Times that are even by a map's word, where the log has none."""
+    if not isinstance(entry, dict) or "step" not in entry:
+        return data
+    _check_keys("time", entry, _STEP_KEYS)
+    size = _size("time", str(entry.get("unit", "s")), model, names)
+    try:
+        step = float(entry["step"]) * size
+    except (TypeError, ValueError):
+        step = np.nan
+    if not 0 < step < np.inf:
+        raise InputError("map: 'step' of 'time' must be a positive number: the time from row to row.")
+    rows = max((len(v) for v in data.values()), default=0)
+    return {**data, "time": step * np.arange(rows)}
 
 
 def _nearest(word: str, known: Sequence[str]) -> str:

@@ -1,11 +1,9 @@
-"""Read recordings from `.npz` and `.csv` files; no pickles are ever loaded."""
+"""Read recordings from files of any format; no pickles are ever loaded."""
 
 from __future__ import annotations
 
-import math
 import re
-import zipfile
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,8 +13,13 @@ import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names
-from mpge_jax.diagnosis.recordings.column_map import apply, csv_places, raw_columns, sources
-from mpge_jax.diagnosis.recordings.csv_table import MAX_VALUES, read_table
+from mpge_jax.diagnosis.recordings.column_map import apply, apply_to, sources
+from mpge_jax.diagnosis.recordings.command_lag import NOT_TOLD, common_lag
+from mpge_jax.diagnosis.recordings.formats.arrays import KEYS, raw_columns, read_npz
+from mpge_jax.diagnosis.recordings.formats.plain import aliased_log, read_csv
+from mpge_jax.diagnosis.recordings.formats.registry import ARRAYS, find_files, other_logs, read_logs
+from mpge_jax.diagnosis.recordings.formats.tables import Log, check_values
+from mpge_jax.diagnosis.recordings.joining import Joined, columns_at, fill, join, listed
 from mpge_jax.diagnosis.recordings.recording import (
     Recording,
     chain_transitions,
@@ -25,89 +28,7 @@ from mpge_jax.diagnosis.recordings.recording import (
     unwrapped,
     validate,
 )
-
-OTHER_FORMATS = (
-    ".mcap",
-    ".bag",
-    ".db3",
-    ".h5",
-    ".hdf5",
-    ".parquet",
-    ".mat",
-    ".pkl",
-    ".pickle",
-    ".npy",
-    ".tsv",
-)
-_KEYS = {"time": "time", "qpos": "qpos", "qvel": "qvel", "ctrl": "ctrl", "actuator_force": "force"}
-
-
-def read_npz(path: Path) -> dict[str, np.ndarray]:
-    """Arrays of a recording by their contract key.
-
-    Raises:
-        InputError: the file is damaged, holds pickled objects, or lacks `time` or `qpos`.
-    """
-    out: dict[str, np.ndarray] = {}
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            if not isinstance(data, np.lib.npyio.NpzFile):
-                raise InputError(f"{path.name} is a single array, not an .npz archive.")
-            for key in _KEYS:
-                if key in data.files:
-                    _check_size(path, key, math.prod(_stated_shape(data, key)))
-                    out[key] = data[key]
-    except InputError:
-        raise
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError) as error:
-        reason = "it holds pickled objects" if "allow_pickle" in str(error) else "the file is damaged"
-        raise InputError(f"cannot read {path.name}: {reason}; save plain arrays with numpy.savez.") from None
-    except Exception as error:  # zlib and header parsers raise types of their own on damaged bytes
-        raise InputError(f"cannot read {path.name}: {type(error).__name__} while reading it.") from None
-    return out
-
-
-def _stated_shape(data: np.lib.npyio.NpzFile, key: str) -> tuple[int, ...]:
-    """The shape in the header of an array, which is not loaded."""
-    if data.zip is None:
-        raise EOFError
-    with data.zip.open(f"{key}.npy") as member:
-        first = np.lib.format.read_magic(member) == (1, 0)
-        read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
-        return read(member)[0]
-
-
-def _check_size(path: Path, key: str, size: int) -> None:
-    if size > MAX_VALUES:
-        raise InputError(f"{path.name}: '{key}' has {size} values; cut the recording into parts.")
-
-
-def read_csv(
-    path: Path, model: mujoco.MjModel, names: Names, renamed: Collection[str] = ()
-) -> tuple[dict[str, np.ndarray], list[int]]:
-    """Columns `time`, `qpos:JOINT`, `qvel:JOINT`, `ctrl:ACTUATOR`, `actuator_force:ACTUATOR` of a CSV file, and the
-    line in which each row stands.
-
-    A joint with several numbers has one column for each: `qpos:root:0` to `qpos:root:6`, `qvel:root:0` to
-    `qvel:root:5`. Titles that are `renamed` by a map are left to it.
-    """
-    header, table, lines = read_table(path, lambda title: title.partition(":")[0] in _KEYS)
-    out = {"qpos": np.full((len(table), model.nq), np.nan)}
-    places = csv_places(model, names)
-    for column, title in enumerate(header):
-        if title == "time":
-            out["time"] = table[:, column]
-            continue
-        key, _, rest = title.partition(":")
-        if key not in _KEYS or title in renamed:
-            continue
-        if (key, rest) not in places:
-            known = ", ".join(n for k, n in places if k == key)
-            raise InputError(f"{path.name}: column '{title}' names nothing in the model (known: {known}).")
-        width = {"qpos": model.nq, "qvel": model.nv}.get(key, model.nu)
-        array = out.setdefault(key, np.full((len(table), width), np.nan))
-        array[:, places[key, rest]] = table[:, column]
-    return out, lines
+from mpge_jax.diagnosis.recordings.rows_in_time import without_empty_rows
 
 
 def _line(lines: list[int], row: int) -> str:
@@ -118,31 +39,138 @@ def _line(lines: list[int], row: int) -> str:
 def read_recording(
     path: Path, model: mujoco.MjModel, names: Names, columns: Mapping[str, object] | None = None
 ) -> Recording:
-    """Read and check one file. `columns` renames and converts (see `mapping.apply`)."""
-    renamed = sources(columns or {})
+    """Read and check one .npz or .csv file. `columns` renames and converts (see `column_map`)."""
+    columns = columns or {}
     called: Callable[[int], str] = row_from_zero
     if path.suffix.lower() == ".csv":
-        data, lines = read_csv(path, model, names, renamed)
+        data, lines = read_csv(path, model, names, sources(columns))
         called = partial(_line, lines)
     else:
         data = read_npz(path)
+    notes: list[str] = []
+    if _lacks(data, model):
+        data, notes = _by_aliases(path, data, columns, model, names)
     if columns:
         data = apply(path, data, columns, model, names)
     for key in ("time", "qpos"):
         if key not in data:
+            why = next((f"; {note.removesuffix('.')}" for note in notes if f" as {key}:" in note), "")
             raise InputError(
-                f"{path.name}: there is no '{key}', but {', '.join(raw_columns(path, set())[1])[:300]}; a recording "
-                "needs 'time' and 'qpos' (a file with other names can be read with --map)."
+                f"{path.name}: there is no '{key}', but {', '.join(raw_columns(path, set())[1])[:300]}{why}; a "
+                "recording needs 'time' and 'qpos' (a file with other names can be read with --map)."
             )
+    return _recording(path.name, _readable(path.stem), data, model, names, called, notes)
+
+
+def _lacks(data: Mapping[str, np.ndarray], model: mujoco.MjModel) -> bool:
+    """Whether a file cannot be a recording by the names of its arrays alone."""
+    if "time" not in data or "qpos" not in data:
+        return True
+    drives = any(k in data for k in ("ctrl", "actuator_force")) or model.nu == 0
+    return not drives or (data["qpos"].dtype.kind == "f" and bool(np.isnan(data["qpos"]).all()))
+
+
+def _by_aliases(
+    path: Path,
+    data: dict[str, np.ndarray],
+    columns: Mapping[str, object],
+    model: mujoco.MjModel,
+    names: Names,
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """What a file lacks, from columns of other names that people use; unless a map names it."""
+    log = aliased_log(path)
+    mapped = mapped_keys(columns)
+    lacking = {"time", "qpos", "qvel", "ctrl", "actuator_force"} - set(mapped)
+    lacking -= {k for k, v in data.items() if v.dtype.kind != "f" or not np.isnan(v).all()}
+    if log is None or not lacking:
+        return data, []
+    kept = {k: "" for k in ("qpos", "qvel", "ctrl", "actuator_force") if k not in lacking}
+    joined = Joined(log.tables[0])
+    fill(joined, log, kept, model, names)
+    return {**data, **{k: v for k, v in joined.data.items() if k in lacking}}, joined.notes
+
+
+def mapped_keys(columns: Mapping[str, object]) -> dict[str, str]:
+    """Keys that a map fills, each to one of the titles that it reads."""
+    out: dict[str, str] = {}
+    for target, entry in columns.items():
+        title = entry.get("from", "") if isinstance(entry, dict) else entry
+        out.setdefault(str(target).partition(":")[0], str(title))
+    return out
+
+
+def read_log(
+    log: Log, path: Path, model: mujoco.MjModel, names: Names, columns: Mapping[str, object] | None = None
+) -> Recording:
+    """A run of a log in any other format as a recording of the model.
+
+    Raises:
+        InputError: it cannot be used; the message says what to do.
+    """
+    columns = columns or {}
+    data, notes, joined = _at_rows(log, path, model, names, columns, 0.0)
+    if joined.apart and "ctrl" in data:
+        lag = common_lag(data["time"], data["qpos"], data.get("qvel"), data["ctrl"], model)
+        if lag is not None and lag.matters:
+            data, notes, _ = _at_rows(log, path, model, names, columns, lag.common)
+        said = NOT_TOLD if lag is None else lag.told(names.actuators)
+        notes = [
+            *(f"{log.name}: {clock.told}." for clock in joined.apart.values()),
+            f"{log.name}: {said}",
+            *notes,
+        ]
+    recording = _recording(log.name, _readable(log.name), data, model, names, row_from_zero, notes)
+    return replace(recording, origin=log.origin)
+
+
+def _at_rows(
+    log: Log, path: Path, model: mujoco.MjModel, names: Names, columns: Mapping[str, object], lag: float
+) -> tuple[dict[str, np.ndarray], list[str], Joined]:
+    """A log's arrays by the keys of a recording, what there is to say of them, and how they were found.
+
+    Args:
+        lag: s after their stamps that commands on another clock than the states are taken to act.
+    """
+    joined = join(log, model, names, mapped_keys(columns), lag)
+    data = joined.data
+    if columns:
+        data = apply_to(log.name, columns_at(joined, log), [listed(log)], data, columns, model, names)
+    if "time" not in data:
+        raise InputError(
+            f"{log.name}: there are no times in {path.name}; say with --map how far its rows are apart, "
+            "'columns: {time: {step: 0.02}}'."
+        )
+    if "qpos" not in data:
+        raise InputError(
+            f"{log.name}: no positions were found; {path.name} has {listed(log)} (--map says which)."
+        )
+    data, dropped = without_empty_rows(log.name, data)
+    return data, [*(f"{log.name}: {note}" for note in joined.notes), *dropped], joined
+
+
+def _readable(name: str) -> str:
+    """Names of files need not be text, names in reports do."""
+    return name.encode(errors="surrogateescape").decode(errors="replace")
+
+
+def _recording(
+    file: str,
+    name: str,
+    data: Mapping[str, np.ndarray],
+    model: mujoco.MjModel,
+    names: Names,
+    called: Callable[[int], str],
+    notes: Sequence[str],
+) -> Recording:
     arrays: dict[str, np.ndarray] = {}
     for key, value in data.items():
         if value.dtype.kind not in "fiub":
-            raise InputError(f"{path.name}: '{key}' does not hold numbers but {value.dtype}.")
-        _check_size(path, key, value.size)
+            raise InputError(f"{file}: '{key}' does not hold numbers but {value.dtype}.")
+        check_values(file, key, value.size)
         value = np.asarray(value, dtype=float)
         if value.ndim == 1 and key != "time":
             value = value[:, None]
-        arrays[_KEYS[key]] = value
+        arrays[KEYS[key]] = value
     force = arrays.get("force")
     if force is not None and np.isnan(force).all():
         arrays.pop("force")
@@ -150,51 +178,29 @@ def read_recording(
         arrays.pop("ctrl", None)
         arrays.pop("force", None)
     recording = Recording(
-        # names of files need not be text, names in reports do
-        path.stem.encode(errors="surrogateescape").decode(errors="replace"),
+        name,
         arrays["time"],
         arrays["qpos"],
         arrays.get("qvel"),
         arrays.get("ctrl"),
         arrays.get("force"),
+        tuple(notes),
     )
     return validate(recording, model, names, called)
+
+
+def read_path(
+    path: Path, model: mujoco.MjModel, names: Names, columns: Mapping[str, object] | None = None
+) -> list[Recording]:
+    """All runs in a file, or in a folder that is one log."""
+    if path.suffix.lower() in ARRAYS and path.is_file():
+        return [read_recording(path, model, names, columns)]
+    return [read_log(log, path, model, names, columns) for log in read_logs(path)]
 
 
 def counted(r: Recording) -> list[tuple[int, str]]:
     """Sorts recordings as people count: step_2 before step_10."""
     return [(int(p), "") if p.isdecimal() else (-1, p) for p in re.split(r"(\d+)", r.name)]
-
-
-def find_files(paths: Iterable[str | Path]) -> list[Path]:
-    """Recording files of the given files and folders, sorted by name; other files in a folder are left alone."""
-    files: list[Path] = []
-    for entry in map(Path, paths):
-        if entry.is_dir():
-            found = (p for p in entry.iterdir() if p.suffix.lower() in (".npz", ".csv") and p.is_file())
-            inside = sorted(found)
-            if not inside:
-                other = ", ".join(other_logs(entry))
-                raise InputError(
-                    f"the folder {entry} holds no .npz or .csv file" + (f" (but {other})." if other else ".")
-                )
-            files += [p for p in inside if p.name != "next_experiment.npz"]
-        elif entry.is_file():
-            if entry.suffix.lower() not in (".npz", ".csv"):
-                raise InputError(f"{entry.name} is neither .npz nor .csv.")
-            files.append(entry)
-        else:
-            raise InputError(f"the recording {entry} does not exist.")
-    # a link keeps its own name, which may say that it is held out
-    unique: dict[Path, Path] = {}
-    for path in files:
-        unique.setdefault(path.resolve(), path)
-    return list(unique.values())
-
-
-def other_logs(folder: Path) -> list[str]:
-    """Names of files in a folder that look like recordings in a format that is not read."""
-    return sorted(p.name for p in folder.iterdir() if p.suffix.lower() in OTHER_FORMATS)
 
 
 def load_recordings(
@@ -207,10 +213,13 @@ def load_recordings(
     files = find_files(paths)
     if not files:
         raise InputError("no recording was given.")
-    found = [read_recording(p, model, names, columns) for p in files]
-    others = [f"{p}/{name}" for p in map(Path, paths) if p.is_dir() for name in other_logs(p)]
+    found = [r for p in files for r in read_path(p, model, names, columns)]
+    folders = [
+        p for p in map(Path, paths) if p.is_dir() and any(f.suffix.lower() in ARRAYS for f in p.iterdir())
+    ]
+    others = [f"{p}/{name}" for p in folders for name in other_logs(p)]
     if others:
-        note = f"{', '.join(others)[:300]}: not read, as only .npz and .csv are; convert what should count."
+        note = f"{', '.join(others)[:300]}: not read beside .npz and .csv files; name what should count by itself."
         found[0] = replace(found[0], warnings=(note, *found[0].warnings))
     if all(r.time.size == 2 for r in found):
         found = sorted(found, key=counted)

@@ -326,17 +326,17 @@ def test_what_lies_beside_a_model_is_data_or_refused(tmp_path, text, message):
 
 
 def test_size_is_read_from_the_header_before_the_array_is_loaded(tmp_path, arm, monkeypatch):
-    from mpge_jax.diagnosis.recordings import reader
+    from mpge_jax.diagnosis.recordings.formats import tables
 
     path = _save(tmp_path)
-    monkeypatch.setattr(reader, "MAX_VALUES", 39)
+    monkeypatch.setattr(tables, "MAX_VALUES", 39)
     monkeypatch.setattr(np.lib.npyio.NpzFile, "__getitem__", lambda _self, key: np.zeros(20))
     with pytest.raises(InputError, match=r"'qpos' has 40 values; cut the recording"):
         read_recording(path, *arm)
 
 
 def test_a_table_that_is_too_long_is_told(tmp_path, arm, monkeypatch):
-    from mpge_jax.diagnosis.recordings import csv_table
+    from mpge_jax.diagnosis.recordings.formats import csv_table
 
     monkeypatch.setattr(csv_table, "MAX_VALUES", 5)
     path = tmp_path / "run.csv"
@@ -576,9 +576,13 @@ def test_units_of_a_map_are_those_of_what_the_column_holds(tmp_path):
 
 
 def test_logs_in_formats_that_are_not_read_are_told(tmp_path, arm):
-    (tmp_path / "robot.mcap").write_bytes(b"")
-    with pytest.raises(InputError, match=r"holds no \.npz or \.csv file \(but robot\.mcap\)"):
+    (tmp_path / "robot.mat").write_bytes(b"")
+    with pytest.raises(InputError, match=r"holds no \.npz or \.csv file \(but robot\.mat\)"):
         load_recordings([tmp_path], *arm)
+    (tmp_path / "robot.mat").rename(tmp_path / "robot.mcap")
     np.savez(tmp_path / "run.npz", time=0.01 * np.arange(20), qpos=np.zeros((20, 2)), ctrl=np.zeros((20, 2)))
     (found,) = load_recordings([tmp_path], *arm)
     assert "robot.mcap: not read" in found.warnings[0]
+    # also where a bag's own folder holds them
+    (tmp_path / "metadata.yaml").write_text("")
+    assert [r.name for r in load_recordings([tmp_path], *arm)] == ["run"]

@@ -1,0 +1,79 @@
+"""Look at a log before it is diagnosed: what was found, what looks wrong, a picture of every column, and a map.
+
+python -m experiments.inspect LOG [LOG ...] --model MODEL.xml [--out DIR] [--map MAP.yaml]
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+
+from mpge_jax import files
+from mpge_jax.diagnosis import InputError
+from mpge_jax.diagnosis.inspection.map_file import map_text
+from mpge_jax.diagnosis.inspection.overview import Overview, overviews
+from mpge_jax.diagnosis.inspection.picture import draw
+from mpge_jax.diagnosis.inspection.summary import summary
+from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.recordings.column_map import load
+from mpge_jax.diagnosis.recordings.formats.registry import find_files
+
+TOLD = 3
+"""Runs that are told in full; of the others, only what is unlike these."""
+
+
+def parser() -> argparse.ArgumentParser:
+    out = argparse.ArgumentParser(prog="python -m experiments.inspect", description=__doc__.splitlines()[0])
+    out.add_argument("log", nargs="+", type=Path, help="logs: .npz, .csv, .h5, .bag, .db3, .mcap, or folders")
+    out.add_argument("--model", required=True, type=Path, help="MJCF or URDF file of the model")
+    out.add_argument("--map", type=Path, metavar="MAP.yaml", help="renames and converts columns")
+    out.add_argument("--out", type=Path, default=Path("inspection"), help="folder for picture and map")
+    return out
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Exit status: 0 where every run can be diagnosed, 1 where one cannot, 2 for bad input."""
+    args = parser().parse_args(argv)
+    try:
+        columns = None if args.map is None else load(args.map)
+        model = compile_variable(load_spec(args.model))
+        names = names_of(model)
+        found = [(p, o) for p in find_files(args.log) for o in overviews(p, model, names, columns)]
+        for _, o in found[:TOLD]:
+            print(summary(o, names), end="\n\n")
+        for _, o in found[TOLD:]:
+            print(f"{o.log.name}: {o.problem or 'as those above'}{''.join(f'; {d}' for d in o.doubts)}")
+        written = _write(args.out, [o for _, o in found[:TOLD]], map_text(found[0][1], model, names))
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"error: cannot write to --out {args.out}: {error.strerror or error}.", file=sys.stderr)
+        return 2
+    print("written: " + ", ".join(map(str, written)))
+    given = [] if args.map is None else ["--map", str(args.map)]
+    command = [
+        "python",
+        "-m",
+        "experiments.diagnose",
+        "--model",
+        args.model,
+        "--recordings",
+        *args.log,
+        *given,
+    ]
+    print("to diagnose: " + shlex.join([*map(str, command), "--out", "out"]))
+    return int(any(o.recording is None for _, o in found))
+
+
+def _write(folder: Path, shown: list[Overview], text: str) -> list[Path]:
+    folder.mkdir(parents=True, exist_ok=True)
+    out = [draw(o, folder / f"columns_{k}.png" if k else folder / "columns.png") for k, o in enumerate(shown)]
+    files.write_text(folder / "map.yaml", text)
+    return [*out, folder / "map.yaml"]
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

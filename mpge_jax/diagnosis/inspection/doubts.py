@@ -1,0 +1,147 @@
+"""Numbers that look as if they were in another unit, of another joint, or not measured at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.machine.model import Names, command_limits
+from mpge_jax.diagnosis.recordings.formats.tables import Log
+from mpge_jax.diagnosis.recordings.joining import Joined, quantity_of
+from mpge_jax.diagnosis.recordings.joint_names import joint_columns
+from mpge_jax.diagnosis.recordings.recording import SLOWEST, Recording
+
+Array = np.ndarray
+FACTORS = {
+    "degrees for radians": 180 / np.pi,
+    "revolutions a minute for radians a second": 30 / np.pi,
+    "turns for radians": 1 / (2 * np.pi),
+    "millimetres for metres": 1e3,
+    "milliseconds for seconds": 1e-3,
+}
+"""What a ratio that should be 1 is when one of two columns is in another unit."""
+NEAR, AGREES = 0.15, 0.9
+"""Share by which a ratio may miss a factor, and the correlation from which on it means anything."""
+ENOUGH = 10
+"""Rows from which on columns are compared."""
+BEYOND = 0.1
+"""Share of a range by which numbers leave it before it is told."""
+LIKE_DEGREES = 6.3
+"""Radians (a full turn) beyond which a limited joint hardly goes."""
+UNITS_OF_TIME = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
+
+
+def ratio(a: Array, b: Array) -> float | None:
+    """The factor between two columns [T] that go together, or None where they do not."""
+    known = np.isfinite(a) & np.isfinite(b)
+    a, b = a[known], b[known]
+    if a.size < ENOUGH:
+        return None
+    a, b = a - a.mean(), b - b.mean()
+    scale = float(np.sqrt((a @ a) * (b @ b)))
+    if scale == 0 or abs(a @ b) < AGREES * scale:
+        return None
+    return float((a @ b) / (b @ b))
+
+
+def meaning(found: float) -> str | None:
+    """What a ratio that should be 1 says of the units, if it says anything."""
+    if abs(found + 1) < NEAR:
+        return "of opposite sign"
+    for words, factor in FACTORS.items():
+        for f in (factor, 1 / factor):
+            if abs(abs(found) / f - 1) < NEAR:
+                return f"{found:.3g} times as large ({words}?)"
+    return None
+
+
+def doubts(
+    log: Log, joined: Joined | None, recording: Recording | None, model: mujoco.MjModel, names: Names
+) -> list[str]:
+    """Sentences on what looks wrong in a run; none where nothing does."""
+    out = list(_clocks(log))
+    if joined is None:
+        return out
+    arrays = dict(joined.data)
+    if recording is not None:
+        arrays = {"time": recording.time, "qpos": recording.qpos}
+        given = (("qvel", recording.qvel), ("ctrl", recording.ctrl), ("actuator_force", recording.force))
+        arrays |= {key: value for key, value in given if value is not None}
+    out += _joints(arrays, model, names)
+    out += _actuators(arrays, model, names)
+    return out
+
+
+def _clocks(log: Log) -> Iterator[str]:
+    for table in log.tables:
+        if table.time is None or table.rows < 3:
+            continue
+        step = float(np.median(np.diff(table.time)))
+        title = table.title or "the log"
+        if step > SLOWEST:
+            unit = next((u for u, (_, size) in UNITS_OF_TIME.items() if 1e-4 <= step * size <= SLOWEST), None)
+            yield f"times of {title} are {step:.4g} apart{f': {unit} for seconds?' if unit else ''}"
+        elif 0 < step < 2e-5:
+            yield f"times of {title} are {step:.3g} s apart, {1 / step:.3g} rows a second: another unit?"
+
+
+def _joints(arrays: dict[str, Array], model: mujoco.MjModel, names: Names) -> Iterator[str]:
+    if "qpos" not in arrays:
+        return
+    time, qvel = arrays.get("time"), arrays.get("qvel")
+    speeds = dict(joint_columns(model, names, "qvel"))
+    for name, column in joint_columns(model, names, "qpos"):
+        q = arrays["qpos"][:, column]
+        if np.isnan(q).all():
+            continue
+        j = names.joints.index(name)
+        low, high = (float(x) for x in model.jnt_range[j])
+        limited, room = bool(model.jnt_limited[j]), BEYOND * (high - low)
+        least, most = float(np.nanmin(q)), float(np.nanmax(q))
+        largest, full = max(abs(least), abs(most)), max(LIKE_DEGREES, 2 * max(abs(low), abs(high)))
+        span = f"its range of {low:.3g} to {high:.3g}"
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and limited and largest > full:
+            yield f"positions of {name} reach {largest:.3g} beside {span} rad: degrees, or a share of the range?"
+        elif limited and (least < low - room or most > high + room):
+            yield (
+                f"positions of {name} ({least:.3g} to {most:.3g}) leave {span}: another zero, sign or unit?"
+            )
+        if qvel is None or time is None or (np.diff(time) <= 0).any() or time.size < ENOUGH:
+            continue
+        v = qvel[:, speeds[name]]
+        if np.isfinite(v).any() and np.nanmax(np.abs(v)) > 0:
+            found = ratio(v, np.gradient(q, time))
+            if found is not None and (said := meaning(found)):
+                yield f"velocities of {name} are {said} beside the slope of its positions"
+
+
+def _actuators(arrays: dict[str, Array], model: mujoco.MjModel, names: Names) -> Iterator[str]:
+    ctrl, force, qpos = arrays.get("ctrl"), arrays.get("actuator_force"), arrays.get("qpos")
+    low, high = command_limits(model)
+    for a, name in enumerate(names.actuators):
+        if ctrl is not None and np.isfinite(ctrl[:, a]).any():
+            u = ctrl[:, a]
+            room = BEYOND * (high[a] - low[a])
+            if np.isfinite(room) and (np.nanmin(u) < low[a] - room or np.nanmax(u) > high[a] + room):
+                yield (
+                    f"commands of {name} ({np.nanmin(u):.3g} to {np.nanmax(u):.3g}) leave its ctrlrange of "
+                    f"{low[a]:.3g} to {high[a]:.3g}: another unit?"
+                )
+            if np.ptp(u[np.isfinite(u)]) == 0:
+                yield f"the command of {name} never changes"
+            joint = int(model.actuator_trnid[a, 0])
+            if quantity_of(model, a) == "position" and qpos is not None and 0 <= joint < model.njnt:
+                found = ratio(u, qpos[:, int(model.jnt_qposadr[joint])])
+                if found is not None and (said := meaning(found)):
+                    yield f"commands of {name} are {said} beside the positions that it is told"
+        if force is not None and np.isfinite(force[:, a]).any():
+            largest, limit = (
+                float(np.nanmax(np.abs(force[:, a]))),
+                float(np.abs(model.actuator_forcerange[a]).max()),
+            )
+            if largest == 0:
+                yield f"the measured force of {name} is always 0: it was not measured"
+            if model.actuator_forcelimited[a] and largest > (1 + BEYOND) * limit:
+                yield f"the measured force of {name} reaches {largest:.3g}, its forcerange {limit:.3g}: another unit?"

@@ -1,0 +1,165 @@
+"""How long after their stamps commands act, where these are on another clock than the motion: a lag that all actuators
+have in common is clock or delay, which no log can tell apart; what one has beside the others is its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.machine.model import is_joint_transmission
+
+Array = np.ndarray
+LONGEST = 0.25
+"""Seconds up to which a lag is looked for, either way."""
+OVER = 0.01
+"""Seconds on either side of a row, at least, over which its acceleration is taken."""
+ENOUGH, ROWS = 60, 4000
+"""Rows that are needed, and rows that are used at most."""
+EXPLAINED = 0.2
+"""Least share of the force that a command must explain beside position, velocity and friction."""
+SHARP = 20.0
+"""Least fall of twice the log likelihood towards the best lag, from a row beside it."""
+ALIKE = 1.0
+"""Rows within which lags of several actuators are one."""
+NOT_TOLD = (
+    "how late commands act all together cannot be told from it: a delay that all actuators have in common may be the "
+    "clock's."
+)
+
+
+@dataclass(frozen=True)
+class Lag:
+    """common: s after their stamps that all commands act. each: actuator to its own lag. step: s from row to row."""
+
+    common: float
+    each: dict[int, float]
+    step: float
+
+    @property
+    def matters(self) -> bool:
+        """Whether it is as large as rows can show."""
+        return abs(self.common) > 0.5 * self.step
+
+    def told(self, actuators: tuple[str, ...]) -> str:
+        """A sentence or two for the user."""
+        if not self.matters:
+            what = "commands act at their stamps, to within half a row"
+        else:
+            when = "after" if self.common > 0 else "before"
+            what = f"commands act {1e3 * abs(self.common):.3g} ms {when} their stamps, to within half a row"
+        if len(self.each) > 1 and np.ptp(list(self.each.values())) > ALIKE * self.step:
+            own = ", ".join(f"{actuators[a]} {1e3 * x:.3g} ms" for a, x in self.each.items())
+            what += f", and not alike ({own})"
+        if not self.matters:
+            return f"{what}."
+        return f"{what}. What all have in common is clock or delay: it was taken off, and is no actuator's effect."
+
+
+def common_lag(
+    time: Array, qpos: Array, qvel: Array | None, ctrl: Array, model: mujoco.MjModel
+) -> Lag | None:
+    """The lag with which commands [T, nu] explain the forces that the motion needs; None where they do not tell.
+
+    The force that each driven joint needs, by inverse dynamics of the model, is regressed on its command, position,
+    velocity, friction and a constant, for every lag. Accelerations are differences over some rows, and commands are
+    averaged over the same time, so that neither is late.
+
+    Args:
+        time: [T] s. qpos: [T, nq]. qvel: [T, nv] or None.
+    """
+    driven = [a for a in range(model.nu) if is_joint_transmission(model, a)]
+    if model.nq != model.nv or not driven or time.size < ENOUGH:
+        return None
+    step = float(np.median(np.diff(time)))
+    s = max(1, round(OVER / step))
+    rows = _rows(time, s, step)
+    if rows.size < ENOUGH or not np.isfinite(ctrl).all() or np.isnan(qpos).any():
+        return None
+    v, acceleration = _motion(time, qpos, None if qvel is None or np.isnan(qvel).any() else qvel, rows, s)
+    force = _needed(model, qpos[rows], v, acceleration)
+    lags = np.arange(-LONGEST, LONGEST + 1e-9, max(step / 4, 1e-3))
+    curves = {}
+    for a in driven:
+        dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
+        curve = _misfit(time, ctrl[:, a], force[:, dof], qpos[rows, dof], v[:, dof], rows, s, lags)
+        if curve is not None and _is_sharp(curve, lags, step, rows.size / (2 * s)):
+            curves[a] = curve
+    if not curves:
+        return None
+    each = {a: _least(lags, curve) for a, curve in curves.items()}
+    alike = np.ptp(list(each.values())) <= ALIKE * step
+    common = _least(lags, np.sum(list(curves.values()), axis=0)) if alike else min(each.values(), key=abs)
+    return Lag(common, each, step)
+
+
+def _rows(time: Array, s: int, step: float) -> Array:
+    """Rows in the middle of whole stretches, far enough from both ends."""
+    rows = np.arange(2 * s, time.size - 2 * s)
+    whole = time[rows + 2 * s] - time[rows - 2 * s] < 1.5 * 4 * s * step
+    inside = (time[rows] > time[0] + LONGEST + 2 * s * step) & (
+        time[rows] < time[-1] - LONGEST - 2 * s * step
+    )
+    rows = rows[whole & inside]
+    return rows[:: max(1, -(-rows.size // ROWS))]
+
+
+def _motion(time: Array, qpos: Array, qvel: Array | None, rows: Array, s: int) -> tuple[Array, Array]:
+    """Velocities and accelerations [R, nv] at some rows by differences over `s` rows on either side."""
+
+    def slope(x: Array, at: Array) -> Array:
+        return (x[at + s] - x[at - s]) / (time[at + s] - time[at - s])[:, None]
+
+    if qvel is not None:
+        return qvel[rows], slope(qvel, rows)
+    before, after = slope(qpos, rows - s), slope(qpos, rows + s)
+    return slope(qpos, rows), (after - before) / (time[rows + s] - time[rows - s])[:, None]
+
+
+def _needed(model: mujoco.MjModel, qpos: Array, qvel: Array, acceleration: Array) -> Array:
+    """Forces [R, nv] that a motion needs."""
+    data, out = mujoco.MjData(model), np.empty_like(qvel)
+    for k in range(len(qpos)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = qpos[k], qvel[k], acceleration[k]
+        mujoco.mj_inverse(model, data)
+        out[k] = data.qfrc_inverse
+    return out
+
+
+def _misfit(
+    time: Array, command: Array, force: Array, q: Array, v: Array, rows: Array, s: int, lags: Array
+) -> Array | None:
+    """Logarithm of the variance of the force that is left at each lag; None where the command explains too little."""
+    total = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(time))])
+    first, last = time[rows - s], time[rows + s]
+    fixed = np.stack([q, v, np.tanh(v / max(0.1 * float(np.std(v)), 1e-9)), np.ones_like(q)], axis=1)
+    basis, _ = np.linalg.qr(fixed)
+    y = force - basis @ (basis.T @ force)
+    whole = float(y @ y)
+    if whole <= 1e-18 * max(float(force @ force), 1e-300):
+        return None
+    left = np.empty(lags.size)
+    for i, lag in enumerate(lags):
+        x = (np.interp(last - lag, time, total) - np.interp(first - lag, time, total)) / (last - first)
+        x = x - basis @ (basis.T @ x)
+        size = float(x @ x)
+        left[i] = whole - (float(x @ y) ** 2 / size if size > 0 else 0.0)
+    left = np.maximum(left, 1e-9 * whole)
+    return None if left.min() > (1 - EXPLAINED) * whole else np.log(left)
+
+
+def _is_sharp(curve: Array, lags: Array, step: float, independent: float) -> bool:
+    """Whether the least is not at an end, and a row beside it is clearly worse."""
+    i, beside = int(curve.argmin()), max(1, round(step / (lags[1] - lags[0])))
+    if i < beside or i >= lags.size - beside:
+        return False
+    return bool(independent * (min(curve[i - beside], curve[i + beside]) - curve[i]) > SHARP)
+
+
+def _least(lags: Array, curve: Array) -> float:
+    """Where a curve is least, between the lags by a parabola."""
+    i = int(np.clip(curve.argmin(), 1, lags.size - 2))
+    a, b, c = curve[i - 1 : i + 2]
+    bend = a - 2 * b + c
+    return float(lags[i] + (0.5 * (a - c) / bend if bend > 0 else 0.0) * (lags[1] - lags[0]))
