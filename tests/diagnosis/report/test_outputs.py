@@ -153,7 +153,8 @@ def test_candidates_are_told_in_one_sentence():
     rival = Rival(bias, fits[1], 0.0, 0.1, "", True)
     errors = SimpleNamespace(rms=0.1)
     d = SimpleNamespace(
-        terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None, remainder=0.0,
+        terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None,
+        remainder=0.0,
         prepared=SimpleNamespace(
             model=ctx.model, measured=np.zeros(1, bool), train_sources=(), held_sources=()
         ),
