@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
+import yaml
 
 from experiments.diagnose import main
 from mpge_jax.diagnosis import VOCABULARY, Config, InputError, Recording, diagnose
@@ -99,6 +100,15 @@ def test_corrected_files_rebuild_the_machine(result, folder):
         data.ctrl[:] = 0.3
         mujoco.mj_step(model, data)
     np.testing.assert_allclose(rebuilt.data.qpos, data.qpos, atol=1e-5)
+
+
+def test_the_users_own_file_is_patched(result):
+    out, table = result
+    value = table["effects"][0]["parameters"]["torque"]["value"]
+    ((_, joint),) = yaml.safe_load((out / "corrected.yaml").read_text())["joints"].items()
+    assert joint["frictionloss"] == {"given": 0.0, "corrected": pytest.approx(value, rel=1e-4), "unit": "N m"}
+    added = [line for line in (out / "corrected.patch").read_text().splitlines() if line.startswith("+<")]
+    assert added and all("frictionloss=" in line for line in added)
 
 
 def test_effects_file_names_the_model_to_which_its_effects_are_to_be_added(result, folder):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from mpge_jax.diagnosis.config import Config
@@ -25,7 +26,7 @@ class Result:
         error_drop: share of the held-out squared error that goes with each term, the others kept.
         train, held: errors before and after. location: (place, kind, excess), largest first.
         unexplained: what is left, or None. actuators: what was found between command and measured force.
-        log: what was tried, line by line. seconds: how long it took.
+        log: what was tried, line by line. seconds: how long it took. model: file of the nominal model, if it had one.
     """
 
     verdict: str
@@ -42,6 +43,7 @@ class Result:
     log: list[str] = field(default_factory=list)
     actuators: ActuatorSide | None = None
     seconds: float = 0.0
+    model: Path | None = None
 
     @property
     def ctx(self) -> Context:
