@@ -8,7 +8,17 @@
 from typing import TYPE_CHECKING
 
 from envs.env import Env
-from envs.registry import BACKENDS, DYNAMICS, build_model, make, names, register, source_of
+from envs.registry import (
+    BACKENDS,
+    DYNAMICS,
+    build_model,
+    home_of,
+    make,
+    names,
+    plain_name,
+    register,
+    source_of,
+)
 from envs.select import select
 from envs.types import Engine, State, Task, Variant
 from envs.wrappers import AutoReset, Environment, Wrapper
@@ -37,8 +47,10 @@ __all__ = [
     "as_gymnax",
     "as_playground",
     "build_model",
+    "home_of",
     "make",
     "names",
+    "plain_name",
     "register",
     "select",
     "source_of",

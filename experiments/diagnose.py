@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mpge_jax.diagnosis import Config, InputError, diagnose
+from mpge_jax.diagnosis import Config, InputError, diagnose, load_effects
 from mpge_jax.diagnosis.recordings.column_map import load
 from mpge_jax.diagnosis.report.effect_table import vocabulary_table
 from mpge_jax.diagnosis.report.terminal import summary
@@ -47,6 +47,13 @@ def parser() -> argparse.ArgumentParser:
         help="recordings to hold out (default: heldout_*, else a third)",
     )
     out.add_argument("--effects", nargs="+", metavar="ID", help="effects to try (default: all)")
+    out.add_argument(
+        "--effects-file",
+        type=Path,
+        nargs="+",
+        metavar="FILE.py",
+        help="files that register effects of your own",
+    )
     out.add_argument("--list-effects", action=_ListEffects, help="print the effects that it knows, and exit")
     out.add_argument("--map", type=Path, metavar="MAP.yaml", help="renames and converts columns")
     out.add_argument("--seed", type=int, default=0)
@@ -85,6 +92,8 @@ def main(argv: list[str] | None = None) -> int:
     args = parser().parse_args(argv)
     try:
         columns = None if args.map is None else load(args.map)
+        for file in args.effects_file or ():
+            load_effects(file)
         config = _config(args)
         _check_out(args.out)
         progress = args.out / ".progress.json"

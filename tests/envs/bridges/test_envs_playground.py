@@ -109,4 +109,4 @@ def test_brax_trains_in_it(request, monkeypatch, kind):
             progress_fn=lambda _, metrics: returns.append(float(metrics["eval/episode_reward"])),
             **options,
         )
-    assert returns[0] < 40 and returns[-1] > 70, returns
+    assert returns[0] < 20 and returns[-1] > 3 * returns[0], returns
