@@ -12,7 +12,7 @@ import tyro
 
 import envs
 from envs import registry
-from experiments import benchmark, diagnose, pretrain, results, sweep
+from experiments import benchmark, diagnose, new, pretrain, results, sweep
 from experiments.methods import METHODS
 from experiments.presets import PRESETS
 
@@ -72,7 +72,12 @@ def test_the_commands_are_understood() -> None:
         assert preset.name in PRESETS
     for arguments in commands("experiments.diagnose"):
         assert diagnose.parser().parse_args(arguments).model
-    for module, tool in ((benchmark, "benchmark"), (results, "results"), (pretrain, "pretrain")):
+    for module, tool in (
+        (benchmark, "benchmark"),
+        (results, "results"),
+        (pretrain, "pretrain"),
+        (new, "new"),
+    ):
         for arguments in commands(f"experiments.{tool}"):
             tyro.cli(module.Args, args=arguments)
 
