@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from mpge_jax import files
 from mpge_jax.diagnosis import Config, InputError, diagnose, load_effects
 from mpge_jax.diagnosis.recordings.column_map import load
 from mpge_jax.diagnosis.report.effect_table import vocabulary_table
@@ -97,13 +98,14 @@ def main(argv: list[str] | None = None) -> int:
         config = _config(args)
         _check_out(args.out)
         progress = args.out / ".progress.json"
-        result = diagnose(args.model, args.recordings, config, columns, progress)
-        try:
-            result.write(args.out)
-            progress.unlink(missing_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot write to --out {args.out}: {error.strerror or error}.") from None
-    except InputError as error:
+        with files.held(args.out):
+            result = diagnose(args.model, args.recordings, config, columns, progress)
+            try:
+                result.write(args.out)
+                progress.unlink(missing_ok=True)
+            except OSError as error:
+                raise InputError(f"cannot write to --out {args.out}: {error.strerror or error}.") from None
+    except (InputError, files.FolderInUse) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -25,6 +25,7 @@ from experiments.methods import METHODS, Cell
 from experiments.paper import TASKS
 from experiments.presets import PRESETS, Preset
 from experiments.storage import SweepFolder, plain
+from mpge_jax import files
 from mpge_jax.rollouts import policies
 
 _TASKS_HELP = "target: " + ", ".join(TASKS) + "; or path/to/file.py:NAME, a target of your own"
@@ -117,12 +118,9 @@ def _check_policies(task: str, chosen: Sequence[str], preset: Preset) -> None:
 
 def sweep(args: Args) -> int:
     """Runs every cell that has no result yet; returns the number of cells that failed."""
-    console = Console(stderr=True)
     cells, preset = cells_of(args)
-    task, target = cells[0].task, envs.plain_name(args.task)
-    source = envs.source_of(task)
-    settings = preset.tasks[source]
-    out = args.out or Path("results") / f"{target}-{args.preset}"
+    task = cells[0].task
+    out = args.out or Path("results") / f"{envs.plain_name(task)}-{args.preset}"
     own = own_tasks.split(task)
     identity = plain(
         {
@@ -135,6 +133,14 @@ def sweep(args: Args) -> int:
         }
     )
     folder = SweepFolder(out, identity)
+    with files.held(out):
+        return _run(args, cells, preset, folder)
+
+
+def _run(args: Args, cells: list[Cell], preset: Preset, folder: SweepFolder) -> int:
+    console, out, target = Console(stderr=True), folder.path, envs.plain_name(args.task)
+    source = envs.source_of(cells[0].task)
+    settings = preset.tasks[source]
     console.print(f"{target}, preset {preset.name}, seeds {args.seeds}, results in {out}")
     console.print(pprint.pformat(settings, width=110), highlight=False)
     steps = {

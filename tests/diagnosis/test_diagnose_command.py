@@ -20,6 +20,7 @@ import pytest
 import yaml
 
 from experiments.diagnose import main
+from mpge_jax import files
 from mpge_jax.diagnosis import VOCABULARY, Config, InputError, Recording, diagnose
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.corrected.mjcf import write_models
@@ -236,6 +237,17 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_search(folder, tmp_path
     assert main([*arguments, str(tmp_path / "new" / "out")]) == 2
     assert "no permission" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_two_diagnoses_into_one_folder_are_refused(folder, tmp_path, capsys, monkeypatch):
+    import experiments.diagnose as command
+
+    monkeypatch.setattr(command, "diagnose", lambda *_args: pytest.fail("the search was started"))
+    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out", str(tmp_path)]
+    with files.held(tmp_path):
+        assert main(arguments) == 2
+    (error,) = capsys.readouterr().err.strip().splitlines()
+    assert error.startswith(f"error: {tmp_path} is in use by another run (process ")
 
 
 def test_recordings_shorter_than_a_window_are_told(folder, tmp_path, capsys):
