@@ -17,25 +17,23 @@ _OPEN = ("damping", "stiffness", "gainprm", "biasprm")
 _ORIENTATIONS = ("fullinertia", "axisangle", "xyaxes", "zaxis", "euler")
 
 
-def edit(text: XmlText, corrected: mujoco.MjModel, changes: list[Change]) -> list[Change]:
-    """Write changes into the elements that hold them, and return those for which there is no such element.
+def edit(text: XmlText, corrected: mujoco.MjModel, changes: list[Change]) -> None:
+    """Write changes into the elements that hold them, where there are such.
 
     Elements are found by their names, or, without one, by their place in the order in which MuJoCo counts them.
     """
-    left: list[Change] = []
     grouped: dict[tuple[str, int], list[Change]] = {}
     for c in changes:
         grouped.setdefault((c.quantity.kind, c.index), []).append(c)
     for (kind, index), group in grouped.items():
         element = text.root if kind == "world" else _find(text.root, corrected, kind, index)
-        if element is None or not _write(text, element, corrected, kind, index, group):
-            left += group
-    return left
+        if element is not None:
+            _write(text, element, corrected, kind, index, group)
 
 
 def _write(
     text: XmlText, element: Element, m: mujoco.MjModel, kind: str, index: int, group: list[Change]
-) -> bool:
+) -> None:
     values = {c.quantity.name: _words(c.corrected, c.quantity.name in _OPEN) for c in group}
     if kind == "world":
         option = element.child("option")
@@ -46,12 +44,11 @@ def _write(
     elif kind == "body":
         _write_body(text, element, m, index, values)
     elif kind == "actuator":
-        return _write_actuator(text, element, m, index, values)
+        _write_actuator(text, element, m, index, values)
     else:
         if "springref" in values and not _in_radians(text.root, m, index):
             values["springref"] = _words(np.rad2deg(m.qpos_spring[m.jnt_qposadr[index], None]))
         text.set(element, values)
-    return True
 
 
 def _write_body(text: XmlText, body: Element, m: mujoco.MjModel, index: int, values: dict[str, str]) -> None:
@@ -74,13 +71,13 @@ def _write_body(text: XmlText, body: Element, m: mujoco.MjModel, index: int, val
 
 def _write_actuator(
     text: XmlText, element: Element, m: mujoco.MjModel, index: int, values: dict[str, str]
-) -> bool:
+) -> None:
     if "forcelimited" in values:
         values["forcelimited"] = "true" if m.actuator_forcelimited[index] else "false"
     prm = {"gainprm", "biasprm", "biastype"} & set(values)
     if prm and element.tag != "general":
         if element.tag not in _SHORTCUTS or not text.is_closed(element):
-            return False
+            return
         values |= {
             name: _words(getattr(m, f"actuator_{name}")[index], True) for name in ("gainprm", "biasprm")
         }
@@ -89,7 +86,6 @@ def _write_actuator(
         values["biastype"] = "affine" if affine else "none"
     tag = "general" if prm and element.tag != "general" else None
     text.set(element, values, drop=_SHORTCUTS[element.tag] if tag else (), tag=tag)
-    return True
 
 
 def _find(root: Element, m: mujoco.MjModel, kind: str, index: int) -> Element | None:

@@ -15,28 +15,23 @@ _DYNAMICS = {"damping": "damping", "frictionloss": "friction"}
 _INERTIAL = ("mass", "com", "inertia")
 
 
-def edit(
-    text: XmlText, given: mujoco.MjModel, corrected: mujoco.MjModel, changes: list[Change]
-) -> list[Change]:
-    """Write what URDF has elements for, and return the changes that it has none for.
+def edit(text: XmlText, given: mujoco.MjModel, corrected: mujoco.MjModel, changes: list[Change]) -> None:
+    """Write what URDF has elements for.
 
     A link keeps what is fixed to it: it gets the difference that the correction makes to the body that MuJoCo makes of
     both, which adds up in mass, mass times position, and inertia about the link's origin.
     """
-    left: list[Change] = []
     joints = {e.attributes.get("name"): e for e in text.root.children if e.tag == "joint"}
     links = {e.attributes.get("name"): e for e in text.root.children if e.tag == "link"}
     dynamics: dict[str, dict[str, str]] = {}
-    bodies: dict[int, list[Change]] = {}
+    bodies: dict[int, str] = {}
     for c in changes:
         kind, name = c.quantity.kind, c.quantity.name
         sayable = kind == "joint" and name in _DYNAMICS and not np.any(c.corrected[1:])
         if sayable and c.at in joints:
             dynamics.setdefault(c.at, {})[_DYNAMICS[name]] = f"{c.corrected[0]:.9g}"
         elif kind == "body" and name in _INERTIAL and c.at in links:
-            bodies.setdefault(c.index, []).append(c)
-        else:
-            left.append(c)
+            bodies[c.index] = c.at
     for at, values in dynamics.items():
         element = joints[at].child("dynamics")
         if element is not None:
@@ -48,42 +43,38 @@ def edit(
         for joint in joints.values()
         if joint.attributes.get("type") == "fixed" and (parent := joint.child("parent")) is not None
     }
-    for body, group in bodies.items():
-        link = links[group[0].at]
+    for body, at in bodies.items():
+        link = links[at]
         before, after = _spatial_of_body(given, body), _spatial_of_body(corrected, body)
         inertial = link.child("inertial")
-        if inertial is None and group[0].at in welded:
-            left += group
-            continue
-        own = before if inertial is None else _spatial_of_link(inertial)
-        if not _write_inertial(text, link, inertial, own + after - before):
-            left += group
-    return left
+        # What such a link weighs by itself is known to MuJoCo alone.
+        if inertial is not None or at not in welded:
+            own = before if inertial is None else _spatial_of_link(inertial)
+            _write_inertial(text, link, inertial, own + after - before)
 
 
-def _write_inertial(text: XmlText, link: Element, inertial: Element | None, spatial: Array) -> bool:
+def _write_inertial(text: XmlText, link: Element, inertial: Element | None, spatial: Array) -> None:
     """Write mass [1], mass times position [3] and inertia about the origin [9], if a body can have them."""
     mass = float(spatial[0])
     if not mass > 0:
-        return False
+        return
     com = spatial[1:4] / mass
     inertia = spatial[4:].reshape(3, 3) - _of_point(mass, com)
     if np.linalg.eigvalsh(inertia).min() < 0:
-        return False
+        return
     xyz = " ".join(f"{x:.9g}" for x in com)
     names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
     numbers = {k: f"{inertia[i]:.9g}" for k, i in names.items()}
     parts = {"origin": {"xyz": xyz, "rpy": "0 0 0"}, "mass": {"value": f"{mass:.9g}"}, "inertia": numbers}
     if inertial is None:
         text.insert(link, f"<inertial>{''.join(written(*part) for part in parts.items())}</inertial>")
-        return True
+        return
     for tag, values in parts.items():
         element = inertial.child(tag)
         if element is not None:
             text.set(element, values)
         else:
             text.insert(inertial, written(tag, values))
-    return True
 
 
 def _spatial_of_body(m: mujoco.MjModel, body: int) -> Array:
