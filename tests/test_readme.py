@@ -92,6 +92,12 @@ def test_links_lead_to_files() -> None:
         assert (ROOT / target).exists(), f"README.md links to {target}, which is not there"
 
 
+def test_functions_of_the_environments_exist() -> None:
+    named = set(re.findall(r"`envs\.(\w+)", README))
+    assert {"as_gymnasium", "as_gymnasium_vector", "as_playground", "as_brax", "as_gymnax"} <= named
+    assert [name for name in named if not hasattr(envs, name)] == []
+
+
 def test_make_targets_exist() -> None:
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     mentioned = set(re.findall(r"(?:`| {4})make ([a-z-]+)", README))

@@ -20,7 +20,8 @@ class PlaygroundBridge(MjxEnv):
 
     The time limit is for `wrap_for_brax_training(env, episode_length=env.max_steps)`, whose auto-reset puts back
     physics and observation only: the next step sees that, and draws the episode's own info (`info["env"]`) afresh.
-    `State.data` is the physics of the environment's backend, `mjx.Data` on MJX.
+    `State.data` is the physics of the environment's backend, `mjx.Data` on MJX. Playground's wrapper for randomised
+    models has no hold on it: what differs is a `Variant` here.
     """
 
     def __init__(self, env: Environment):

@@ -29,6 +29,10 @@ def edit(text: XmlText, corrected: mujoco.MjModel, changes: list[Change]) -> Non
         element = text.root if kind == "world" else _find(text.root, corrected, kind, index)
         if element is not None:
             _write(text, element, corrected, kind, index, group)
+    if any(c.quantity.name in ("mass", "com", "inertia") for c in changes):
+        # Where masses are taken from geoms whatever is written: only where nothing is.
+        for compiler in (e for e in text.root.children if e.attributes.get("inertiafromgeom") == "true"):
+            text.set(compiler, {"inertiafromgeom": "auto"})
 
 
 def _write(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,6 @@ from mpge_jax.diagnosis.corrected import own_mjcf, own_urdf
 from mpge_jax.diagnosis.corrected.differences import Change, differences, table
 from mpge_jax.diagnosis.corrected.mjcf import NOMINAL, corrected_spec
 from mpge_jax.diagnosis.corrected.xml_edits import XmlText
-from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import load_spec
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -53,8 +53,10 @@ def write_patch(d: Result, folder: Path) -> None:
         if lacking:
             content[f"not_in_{own.language.lower()}"] = lacking
         if own.text is not None:
-            before = d.model.read_bytes().decode().splitlines(keepends=True)
-            after = own.text.splitlines(keepends=True)
+            before, after = (
+                io.StringIO(text, newline="\n").readlines()
+                for text in (d.model.read_bytes().decode(), own.text)
+            )
             diff = difflib.unified_diff(before, after, d.model.name, d.model.name)
             files.write_text(folder / PATCH, "".join(map(_ended, diff)))
             if own.language == "URDF":
@@ -69,27 +71,24 @@ def write_patch(d: Result, folder: Path) -> None:
 
 def patched(path: Path, nominal: mujoco.MjModel, corrected: mujoco.MjModel, changes: list[Change]) -> Patched:
     """The user's MJCF or URDF with changes, compiled again: what it does not have then is what it lacks."""
-    text = XmlText(path.read_bytes())
-    language = "URDF" if text.root.tag == "robot" else "MJCF"
-    if any(text.root.iter("include", "attach", "replicate", "composite", "flexcomp")):
-        return Patched(
-            language,
-            None,
-            [f"{path.name} is made of other files or of copies, which only corrected.xml holds corrected."],
-        )
-    if language == "URDF":
-        own_urdf.edit(text, nominal, corrected, changes)
-    else:
-        own_mjcf.edit(text, corrected, changes)
+    language = "URDF" if path.suffix == ".urdf" else "MJCF"
     try:
-        again = load_spec(path, text.result()).compile()
-        left = differences(again, corrected, _DIGITS)
-    except (InputError, ExpatError, ValueError, IndexError, mujoco.FatalError) as error:
+        text = XmlText(path.read_bytes())
+        language = "URDF" if text.root.tag == "robot" else "MJCF"
+        if any(text.root.iter("include", "attach", "replicate", "composite", "flexcomp")):
+            why = "is made of other files or of copies, which only corrected.xml holds corrected"
+            return Patched(language, None, [f"{path.name} {why}."])
+        if language == "URDF":
+            own_urdf.edit(text, nominal, corrected, changes)
+        else:
+            own_mjcf.edit(text, corrected, changes)
+        edited = text.result().decode()
+        left = differences(load_spec(path, text.result()).compile(), corrected, _DIGITS)
+    except (OSError, ExpatError, ValueError, IndexError, mujoco.FatalError) as error:
         why = " ".join(str(error).split())
         return Patched(language, None, [f"{path.name} could not be edited ({why}); take corrected.xml."])
     sentences = [f"{c}: {_why(c, language)}" for c in left]
-    unchanged = text.result() == text.text
-    return Patched(language, None if unchanged else text.result().decode(), sentences)
+    return Patched(language, None if text.result() == text.text else edited, sentences)
 
 
 def _why(change: Change, language: str) -> str:

@@ -100,9 +100,10 @@ MJCF_ONLY = [
 ]
 
 
-def test_patched_mjcf_has_the_corrected_parameters(tmp_path):
+@pytest.mark.parametrize("xml", [MJCF, MJCF.replace('angle="degree"', 'inertiafromgeom="true"')])
+def test_patched_mjcf_has_the_corrected_parameters(tmp_path, xml):
     path = tmp_path / "arm.xml"
-    path.write_text(MJCF)
+    path.write_text(xml)
     nominal, spec, native = models(path, JOINT + MASSES + MJCF_ONLY)
     assert all(native.values())
     corrected = spec.compile()
@@ -117,7 +118,7 @@ def test_patched_mjcf_has_the_corrected_parameters(tmp_path):
         np.testing.assert_allclose(getattr(again, field), getattr(corrected, field), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(again.opt.gravity, corrected.opt.gravity, rtol=1e-6)
     # What was not corrected stays as it was written.
-    kept = [line for line in MJCF.splitlines() if line in own.text.splitlines()]
+    kept = [line for line in xml.splitlines() if line in own.text.splitlines()]
     assert len(kept) > 15 and "this remark" in own.text and '<default><joint damping="0.05"/>' in own.text
 
 
@@ -201,3 +202,15 @@ def test_without_a_file_or_with_includes_there_is_yaml_alone(tmp_path):
     table = yaml.safe_load((tmp_path / "corrected.yaml").read_text())
     assert table["not_in_mjcf"][0].startswith("scene.xml is made of other files")
     assert not (tmp_path / "corrected.patch").exists()
+
+
+def test_a_file_in_another_encoding_is_told(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_bytes(
+        MJCF.replace('version="1.0"', 'version="1.0" encoding="ISO-8859-1"')
+        .encode()
+        .replace(b"remark", b"\xe9")
+    )
+    nominal, spec, _ = models(path, JOINT)
+    own = patched(path, nominal, corrected := spec.compile(), differences(nominal, corrected))
+    assert own.text is None and own.lacking[0].startswith("arm.xml could not be edited ('utf-8' codec")
