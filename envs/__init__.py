@@ -8,14 +8,27 @@
 from typing import TYPE_CHECKING
 
 from envs.env import Env
-from envs.registry import BACKENDS, DYNAMICS, build_model, make, names, register, source_of
+from envs.registry import (
+    BACKENDS,
+    DYNAMICS,
+    build_model,
+    home_of,
+    make,
+    names,
+    plain_name,
+    register,
+    source_of,
+)
 from envs.select import select
 from envs.types import Engine, State, Task, Variant
 from envs.wrappers import AutoReset, Environment, Wrapper
 
 if TYPE_CHECKING:
-    from envs.brax_bridge import BraxBridge
-    from envs.gymnax_bridge import GymnaxBridge
+    from envs.bridges.brax import BraxBridge
+    from envs.bridges.gymnasium import GymnasiumBridge
+    from envs.bridges.gymnasium_vector import GymnasiumVectorBridge
+    from envs.bridges.gymnax import GymnaxBridge
+    from envs.bridges.playground import PlaygroundBridge
 
 __all__ = [
     "BACKENDS",
@@ -29,10 +42,15 @@ __all__ = [
     "Variant",
     "Wrapper",
     "as_brax",
+    "as_gymnasium",
+    "as_gymnasium_vector",
     "as_gymnax",
+    "as_playground",
     "build_model",
+    "home_of",
     "make",
     "names",
+    "plain_name",
     "register",
     "select",
     "source_of",
@@ -43,13 +61,51 @@ def as_brax(env: Environment) -> "BraxBridge":
     """`env` as a `brax.envs.Env`; for brax's `EpisodeWrapper`, `env.max_steps` is the time limit."""
     # Here, as brax takes seconds to import; after MJX, which brax imports too, to keep the note on Warp out of sight.
     import envs._mjx  # noqa: F401
-    from envs.brax_bridge import BraxBridge
+    from envs.bridges.brax import BraxBridge
 
     return BraxBridge(env)
 
 
 def as_gymnax(env: Environment) -> "GymnaxBridge":
     """`env` with gymnax's interface, for trainers such as rejax's and PureJaxRL's; gymnax is not needed."""
-    from envs.gymnax_bridge import GymnaxBridge
+    from envs.bridges.gymnax import GymnaxBridge
 
     return GymnaxBridge(env)
+
+
+def as_gymnasium(env: Environment) -> "GymnasiumBridge":
+    """`env` as a `gymnasium.Env`; its time limit is truncation. Nothing is registered: hand over the object."""
+    from envs.bridges.gymnasium import GymnasiumBridge
+
+    return GymnasiumBridge(env)
+
+
+def as_gymnasium_vector(env: Environment, n: int, autoreset: str = "NextStep") -> "GymnasiumVectorBridge":
+    """`n` copies of `env` as one `gymnasium.vector.VectorEnv`.
+
+    `autoreset` is one of Gymnasium's modes: "NextStep", "SameStep" or "Disabled".
+    """
+    from envs.bridges.gymnasium_vector import GymnasiumVectorBridge
+
+    return GymnasiumVectorBridge(env, n, autoreset)
+
+
+def as_playground(env: Environment) -> "PlaygroundBridge":
+    """`env` as a MuJoCo Playground `MjxEnv`, for its wrappers and trainers; on any backend.
+
+    Raises:
+      ImportError: MuJoCo Playground is not installed.
+    """
+    import envs._mjx  # noqa: F401
+
+    try:
+        import mujoco_playground  # noqa: F401
+    except ModuleNotFoundError as error:
+        if error.name != "mujoco_playground":
+            raise
+        raise ImportError(
+            "as_playground needs MuJoCo Playground, which is not installed: pip install playground"
+        ) from None
+    from envs.bridges.playground import PlaygroundBridge
+
+    return PlaygroundBridge(env)

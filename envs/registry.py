@@ -3,10 +3,12 @@
 import difflib
 import importlib.util
 from collections.abc import Iterable
+from pathlib import Path
 
 import jax
 import mujoco
 
+from envs import own_tasks
 from envs.c_engine import CEngine
 from envs.env import Env
 from envs.legacy import use_legacy_inertia
@@ -19,6 +21,8 @@ DYNAMICS = ("mujoco", "legacy")
 
 _tasks: dict[str, Task] = {task.name: task for task in TASKS}
 _variants: dict[str, Variant] = {variant.name: variant for variant in VARIANTS}
+# Where the file lies that an environment of a user's own was read from.
+_homes: dict[str, Path] = {}
 
 
 def names() -> list[str]:
@@ -26,8 +30,42 @@ def names() -> list[str]:
     return [*_tasks, *_variants]
 
 
+def plain_name(name: str) -> str:
+    """The name under which an environment is registered; `path/to/file.py:NAME` registers what that file defines.
+
+    Raises:
+      ValueError: the file does not exist, cannot be run, defines nothing, nothing of that name, or something of a name
+        that is taken.
+    """
+    reference = own_tasks.split(name)
+    if reference is None:
+        return name
+    path, plain = reference
+    defined = own_tasks.defined_in(path)
+    for item in defined:
+        taken = _tasks.get(item.name) or _variants.get(item.name)
+        if taken is None:
+            register(item)
+        elif taken is not item:
+            raise ValueError(
+                f"{path} defines {item.name!r}, the name of another environment; give it a new one"
+            )
+        _homes[item.name] = path.resolve().parent
+    known = [item.name for item in defined]
+    if plain not in known:
+        what = f"does not define {plain!r}" if plain else "defines several things"
+        raise ValueError(f"{path} {what}: write {path}:NAME with NAME one of {', '.join(known)}")
+    return plain
+
+
+def home_of(name: str) -> Path | None:
+    """The folder of the file that defines the environment `name`; None for one that was not read from a file."""
+    return _homes.get(name)
+
+
 def source_of(name: str) -> str:
     """The task that the environment `name` is a variant of; `name` itself for a task."""
+    name = plain_name(name)
     _check(name, names(), "environment")
     return _variants[name].task if name in _variants else name
 
@@ -69,7 +107,7 @@ def make(name: str, backend: str = "auto", dynamics: str = "mujoco") -> Env:
     """An environment by name.
 
     Args:
-      name: one of `names()`.
+      name: one of `names()`, or `path/to/file.py:NAME` for what a file of your own defines.
       backend: "c" (MuJoCo's C engine), "mjx" (MJX in JAX), "warp" (MJX-Warp, on NVIDIA GPUs where it is installed; not
         tested here), or "auto": "c" on CPU, "mjx" on an accelerator.
       dynamics: "mujoco" as installed, or "legacy" with the capsule inertia of MuJoCo before 2.1.2.
@@ -77,6 +115,7 @@ def make(name: str, backend: str = "auto", dynamics: str = "mujoco") -> Env:
     Raises:
       ValueError: a name that is not known (the nearest is offered), or a model that the backend cannot simulate.
     """
+    name = plain_name(name)
     _check(name, names(), "environment")
     _check(backend, BACKENDS, "backend")
     variant = _variants.get(name)

@@ -12,7 +12,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mpge_jax.diagnosis import Config, InputError, diagnose
+from mpge_jax import files
+from mpge_jax.diagnosis import Config, InputError, diagnose, load_effects
 from mpge_jax.diagnosis.recordings.column_map import load
 from mpge_jax.diagnosis.report.effect_table import vocabulary_table
 from mpge_jax.diagnosis.report.terminal import summary
@@ -47,6 +48,13 @@ def parser() -> argparse.ArgumentParser:
         help="recordings to hold out (default: heldout_*, else a third)",
     )
     out.add_argument("--effects", nargs="+", metavar="ID", help="effects to try (default: all)")
+    out.add_argument(
+        "--effects-file",
+        type=Path,
+        nargs="+",
+        metavar="FILE.py",
+        help="files that register effects of your own",
+    )
     out.add_argument("--list-effects", action=_ListEffects, help="print the effects that it knows, and exit")
     out.add_argument("--map", type=Path, metavar="MAP.yaml", help="renames and converts columns")
     out.add_argument("--seed", type=int, default=0)
@@ -85,16 +93,19 @@ def main(argv: list[str] | None = None) -> int:
     args = parser().parse_args(argv)
     try:
         columns = None if args.map is None else load(args.map)
+        for file in args.effects_file or ():
+            load_effects(file)
         config = _config(args)
         _check_out(args.out)
         progress = args.out / ".progress.json"
-        result = diagnose(args.model, args.recordings, config, columns, progress)
-        try:
-            result.write(args.out)
-            progress.unlink(missing_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot write to --out {args.out}: {error.strerror or error}.") from None
-    except InputError as error:
+        with files.held(args.out):
+            result = diagnose(args.model, args.recordings, config, columns, progress)
+            try:
+                result.write(args.out)
+                progress.unlink(missing_ok=True)
+            except OSError as error:
+                raise InputError(f"cannot write to --out {args.out}: {error.strerror or error}.") from None
+    except (InputError, files.FolderInUse) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -137,6 +137,13 @@ class Preset:
     members: int = 5
     episodes: int = 50
 
+    def with_task(self, source: str) -> "Preset":
+        """This preset with settings for a task of the user's own: those of Hopper, if it has any, else its first."""
+        if source in self.tasks:
+            return self
+        like = self.tasks.get("Hopper") or next(iter(self.tasks.values()))
+        return replace(self, tasks={**self.tasks, source: like})
+
 
 # Four fresh transitions an update, small batches, higher learning rates: chosen on the source tasks.
 _FAST_SAC = SACConfig(actor_lr=1e-3, critic_lr=1e-3, alpha_lr=1e-3, batch_size=128)

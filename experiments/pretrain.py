@@ -44,6 +44,8 @@ CONFIGS = {
     "InvertedPendulum": AgentConfig(sac=_FAST, buffer_capacity=100_000, random_steps=1_000),
 }
 UPDATES = {"HalfCheetah": 65_536, "Hopper": 118_784, "InvertedPendulum": 12_288}
+# Of a task of one's own.
+OTHER, OTHER_UPDATES = AgentConfig(sac=_FAST, buffer_capacity=500_000), 65_536
 
 
 class Training(flax.struct.PyTreeNode):
@@ -67,17 +69,18 @@ class Args:
     """Command line.
 
     Attributes:
-      task: source task.
+      task: HalfCheetah, Hopper, InvertedPendulum, or path/to/file.py:NAME for a task of your own.
       kind: MS (independent seeds) or ER (entropy-regularised, in sequence).
       count: policies of the set.
       updates: SAC updates for each policy; the task's own budget where None.
       entropy_coefficient: weight of the ER bonus (0.1 in the paper's text, 0.01 in its release).
       seed: of the whole set.
-      out: folder for the set and the checkpoints; the set replaces the shipped one where None.
+      out: folder for the set and the checkpoints; where None, the set replaces the shipped one, or lies beside the
+        file of your own task.
       quiet: no progress.
     """
 
-    task: Literal["HalfCheetah", "Hopper", "InvertedPendulum"] = "InvertedPendulum"
+    task: str = "InvertedPendulum"
     kind: Literal["MS", "ER"] = "MS"
     count: int = 5
     updates: int | None = None
@@ -90,8 +93,8 @@ class Args:
 def train(args: Args, folder: Path) -> tuple[PolicySet, dict[str, Any]]:
     """Trains the set; returns it with an account of how (returns are measured after storage's rounding)."""
     env = envs.make(args.task)
-    config = CONFIGS[args.task]
-    updates = UPDATES[args.task] if args.updates is None else args.updates
+    config = CONFIGS.get(env.name, OTHER)
+    updates = UPDATES.get(env.name, OTHER_UPDATES) if args.updates is None else args.updates
     # to the next trial: what is learned after the last one would be lost
     between = ITERATIONS_BETWEEN_TRIALS * config.updates_per_iteration
     iterations = -(-updates // between) * ITERATIONS_BETWEEN_TRIALS
@@ -100,7 +103,7 @@ def train(args: Args, folder: Path) -> tuple[PolicySet, dict[str, Any]]:
     train_set = _train_ms if args.kind == "MS" else _train_er
     result = train_set(args, env, config, keys, iterations, folder)
     about = {
-        "task": args.task,
+        "task": env.name,
         "kind": args.kind,
         "seed": args.seed,
         "updates": iterations * config.updates_per_iteration,
@@ -160,7 +163,7 @@ def _train_ms(
     init = jax.jit(lambda keys: begin(jax.vmap(lambda key: agent.init(key, env, config))(keys)))
     update = jax.jit(lambda state: iterate(state, env, config), donate_argnums=0)
     state, _ = loop.run(
-        update, init(keys), iterations, **_loop_options(args, folder / f"{args.task}-MS", "MS", config)
+        update, init(keys), iterations, **_loop_options(args, folder / f"{env.name}-MS", "MS", config)
     )
     return policies.from_learners(state.best)
 
@@ -192,7 +195,7 @@ def _train_er(
             compiled_start(keys[index], padded, weights),
             iterations,
             **_loop_options(
-                args, folder / f"{args.task}-ER-{index}", f"ER {index + 1}/{args.count}", config, padded
+                args, folder / f"{env.name}-ER-{index}", f"ER {index + 1}/{args.count}", config, padded
             ),
         )
         new = policies.from_learners(state.best)
@@ -222,18 +225,21 @@ def _loop_options(
 
 
 def _set_path(args: Args, kind: str) -> Path:
-    shipped = policies.shipped_path(args.task, kind, args.entropy_coefficient)
+    shipped = policies.shipped_path(envs.plain_name(args.task), kind, args.entropy_coefficient)
     return shipped if args.out is None else args.out / shipped.name
 
 
 def main(args: Args) -> None:
     """Trains, stores, measures what was stored, and says it."""
-    print(CONFIGS[args.task])
+    name = envs.plain_name(args.task)
+    if name in envs.names() and envs.source_of(name) != name:
+        raise ValueError(f"{name} is a target; policies are trained in its source, {envs.source_of(name)}")
+    print(CONFIGS.get(name, OTHER))
     result, about = train(args, (Path("runs") if args.out is None else args.out) / "pretrain")
     path = _set_path(args, args.kind)
     policies.save(path, result, about)
     stored, _ = policies.load(path)
-    about["returns"] = returns_of(stored, envs.make(args.task), CONFIGS[args.task].sac, args.seed + 1)
+    about["returns"] = returns_of(stored, envs.make(name), CONFIGS.get(name, OTHER).sac, args.seed + 1)
     policies.save(path, stored, about)
     print(f"{path}\n{about}")
 

@@ -172,5 +172,5 @@ class SweepFolder:
 
 
 def _is_fresh(path: Path) -> bool:
-    # A sweep killed in its first moment leaves nothing but a half-written record.
-    return path.is_dir() and all(file.name == "sweep.json.partial" for file in path.iterdir())
+    # A sweep killed in its first moment leaves nothing but a half-written record and its lock.
+    return path.is_dir() and all(file.name in ("sweep.json.partial", ".lock") for file in path.iterdir())

@@ -8,6 +8,7 @@ import pprint
 import sys
 import time
 import traceback
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,13 +19,16 @@ from rich.console import Console
 from rich.markdown import Markdown
 
 import envs
+from envs import own_tasks
 from experiments import methods, report
 from experiments.methods import METHODS, Cell
 from experiments.paper import TASKS
 from experiments.presets import PRESETS, Preset
 from experiments.storage import SweepFolder, plain
+from mpge_jax import files
+from mpge_jax.rollouts import policies
 
-_TASKS_HELP = "target: " + ", ".join(TASKS)
+_TASKS_HELP = "target: " + ", ".join(TASKS) + "; or path/to/file.py:NAME, a target of your own"
 _METHODS_HELP = "methods, or 'all': " + ", ".join(METHODS)
 _PRESETS_HELP = "configuration: " + ", ".join(PRESETS)
 
@@ -60,8 +64,16 @@ def cells_of(args: Args) -> tuple[list[Cell], Preset]:
     Raises:
       ValueError: an unknown name (the nearest is offered) or a number out of range.
     """
-    task = _check(args.task, [name for name in envs.names() if envs.source_of(name) != name], "task")
     preset = PRESETS[_check(args.preset, list(PRESETS), "preset")]
+    own = own_tasks.split(args.task)
+    if own is None:
+        task = _check(args.task, [name for name in envs.names() if envs.source_of(name) != name], "task")
+    else:
+        # With its whole path, so that any process finds it.
+        task = f"{own[0].resolve()}:{envs.plain_name(args.task)}"
+        if envs.source_of(task) == envs.plain_name(task):
+            raise ValueError(f"--task {args.task} is a source task: name a target, an envs.Variant of it")
+        preset = preset.with_task(envs.source_of(task))
     _check(args.backend, envs.BACKENDS, "backend")
     _check(args.dynamics, envs.DYNAMICS, "dynamics")
     if envs.source_of(task) not in preset.tasks:
@@ -80,6 +92,8 @@ def cells_of(args: Args) -> tuple[list[Cell], Preset]:
             raise ValueError(
                 f"--samples {samples} is smaller than the number of rollout policies, {preset.policies}"
             )
+    if own is not None:
+        _check_policies(args.task, chosen, preset)
     seeds = tuple(range(args.seeds))
     cells = [
         Cell(task, method, samples, seeds, preset, args.backend, args.dynamics)
@@ -89,16 +103,29 @@ def cells_of(args: Args) -> tuple[list[Cell], Preset]:
     return cells, preset
 
 
+def _check_policies(task: str, chosen: Sequence[str], preset: Preset) -> None:
+    """Raises ValueError where a set of policies that a method starts from was not trained yet."""
+    source = envs.source_of(task)
+    for kind in dict.fromkeys(METHODS[name].kind for name in chosen):
+        path = policies.shipped_path(source, kind, preset.entropy_coefficient)
+        if not path.is_file():
+            file = task.rpartition(":")[0]
+            raise ValueError(
+                f"{source} has no {kind} set of policies yet: python -m experiments.pretrain --task {file}:{source} "
+                f"--kind {kind}"
+            )
+
+
 def sweep(args: Args) -> int:
     """Runs every cell that has no result yet; returns the number of cells that failed."""
-    console = Console(stderr=True)
     cells, preset = cells_of(args)
-    source = envs.source_of(args.task)
-    settings = preset.tasks[source]
-    out = args.out or Path("results") / f"{args.task}-{args.preset}"
+    task = cells[0].task
+    out = args.out or Path("results") / f"{envs.plain_name(task)}-{args.preset}"
+    own = own_tasks.split(task)
     identity = plain(
         {
-            "task": args.task,
+            "task": task,
+            **({} if own is None else {"task_file": zlib.crc32(own[0].read_bytes())}),
             "seeds": args.seeds,
             "preset": preset,
             "backend": args.backend,
@@ -106,7 +133,15 @@ def sweep(args: Args) -> int:
         }
     )
     folder = SweepFolder(out, identity)
-    console.print(f"{args.task}, preset {preset.name}, seeds {args.seeds}, results in {out}")
+    with files.held(out):
+        return _run(args, cells, preset, folder)
+
+
+def _run(args: Args, cells: list[Cell], preset: Preset, folder: SweepFolder) -> int:
+    console, out, target = Console(stderr=True), folder.path, envs.plain_name(args.task)
+    source = envs.source_of(cells[0].task)
+    settings = preset.tasks[source]
+    console.print(f"{target}, preset {preset.name}, seeds {args.seeds}, results in {out}")
     console.print(pprint.pformat(settings, width=110), highlight=False)
     steps = {
         name: config.simulator_steps
@@ -138,8 +173,8 @@ def sweep(args: Args) -> int:
         folder.save_cell(cell.method, cell.samples, rows, outcome.curve, outcome.transformers, outcome.agents)
         mean = sum(row["return_stochastic"] for row in rows) / len(rows)
         console.print(f"{label}: return {mean:.0f} in the target, {seconds:.0f} s", highlight=False)
-        write_report(folder, args.task, steps, failures)
-    write_report(folder, args.task, steps, failures)
+        write_report(folder, target, steps, failures)
+    write_report(folder, target, steps, failures)
     Console().print(Markdown((out / "results.md").read_text()))
     console.print(f"tables and pictures: {out}", highlight=False)
     return len(failures)

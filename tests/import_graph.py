@@ -13,11 +13,12 @@ BEGIN, END = "<!-- drawn by python -m tests.import_graph -->", "<!-- end of what
 
 D, B = "mpge_jax.diagnosis", "experiments.blind"
 ROOMS = (
-    "envs", "mpge_jax.own_envs",
+    "mpge_jax.own_code", "envs", "mpge_jax.own_envs",
     "mpge_jax.files", "mpge_jax.progress", "mpge_jax.sharding", "mpge_jax.loop",
     "mpge_jax.learning", "mpge_jax.rollouts", "mpge_jax.grounding",
     f"{D}.errors", f"{D}.config",
-    f"{D}.machine", f"{D}.recordings", f"{D}.effects", f"{D}.simulation", f"{D}.estimation", f"{D}.dataset",
+    f"{D}.machine", f"{D}.recordings", f"{D}.effects", f"{D}.own_effects", f"{D}.simulation", f"{D}.estimation",
+    f"{D}.dataset",
     f"{D}.evidence", f"{D}.selection", f"{D}.measurement", f"{D}.drives", f"{D}.force_balance", f"{D}.verdict",
     f"{D}.corrected", f"{D}.report", f"{D}.inspection", f"{D}.diagnosis", f"{D}.pipeline", D,
     "mpge_jax",

@@ -12,7 +12,7 @@ import tyro
 
 import envs
 from envs import registry
-from experiments import benchmark, diagnose, inspect, pretrain, results, sweep
+from experiments import benchmark, diagnose, inspect, new, pretrain, results, sweep
 from experiments.methods import METHODS
 from experiments.presets import PRESETS
 
@@ -74,7 +74,12 @@ def test_the_commands_are_understood() -> None:
         assert diagnose.parser().parse_args(arguments).model
     for arguments in commands("experiments.inspect"):
         assert inspect.parser().parse_args(arguments).log
-    for module, tool in ((benchmark, "benchmark"), (results, "results"), (pretrain, "pretrain")):
+    for module, tool in (
+        (benchmark, "benchmark"),
+        (results, "results"),
+        (pretrain, "pretrain"),
+        (new, "new"),
+    ):
         for arguments in commands(f"experiments.{tool}"):
             tyro.cli(module.Args, args=arguments)
 
@@ -87,6 +92,12 @@ def test_every_method_and_preset_is_explained() -> None:
 def test_links_lead_to_files() -> None:
     for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", README):
         assert (ROOT / target).exists(), f"README.md links to {target}, which is not there"
+
+
+def test_functions_of_the_environments_exist() -> None:
+    named = set(re.findall(r"`envs\.(\w+)", README))
+    assert {"as_gymnasium", "as_gymnasium_vector", "as_playground", "as_brax", "as_gymnax"} <= named
+    assert [name for name in named if not hasattr(envs, name)] == []
 
 
 def test_make_targets_exist() -> None:

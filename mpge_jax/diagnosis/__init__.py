@@ -4,6 +4,7 @@ from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.diagnosis import Diagnosis
 from mpge_jax.diagnosis.effects import REGISTRY, VOCABULARY, Effect, register
 from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.own_effects import load_effects
 from mpge_jax.diagnosis.pipeline import diagnose
 from mpge_jax.diagnosis.recordings.recording import Recording
 
@@ -16,5 +17,6 @@ __all__ = [
     "InputError",
     "Recording",
     "diagnose",
+    "load_effects",
     "register",
 ]

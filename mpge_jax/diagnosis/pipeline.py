@@ -72,7 +72,8 @@ def diagnose(
     plain = compile_variable(spec)
     checked = read(recordings, plain, names_of(plain), columns)
     result = find(prepare(spec, checked, config), plain, say, progress)
-    return Diagnosis(**{**vars(result), "seconds": say.seconds})
+    given = None if isinstance(model, mujoco.MjSpec) else Path(model)
+    return Diagnosis(**{**vars(result), "seconds": say.seconds, "model": given})
 
 
 def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | None = None) -> Result:

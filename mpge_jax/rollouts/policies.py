@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+import envs
 from mpge_jax import files
 from mpge_jax.learning import sac
 from mpge_jax.learning.sac import Actor, SACConfig, SACState
@@ -148,15 +149,19 @@ def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
 
 
 def shipped_path(task: str, kind: str, entropy_coefficient: float = ER_COEFFICIENT) -> Path:
-    """Where the set that ships with the project lies; an ER set of another coefficient than 0.1 has it in its name."""
+    """Where the set of a task lies: with the project, or beside the file of a task of the user's own.
+
+    An ER set of another coefficient than 0.1 has it in its name.
+    """
     suffix = "" if kind != "ER" or entropy_coefficient == ER_COEFFICIENT else f"-{entropy_coefficient:g}"
-    return Path(__file__).parents[1] / "policy_sets" / f"{task}-{kind}{suffix}.npz"
+    home = envs.home_of(task) or Path(__file__).parents[1]
+    return home / "policy_sets" / f"{task}-{kind}{suffix}.npz"
 
 
 def shipped(
     task: str, kind: str, entropy_coefficient: float = ER_COEFFICIENT
 ) -> tuple[PolicySet, dict[str, Any]]:
-    """The five policies of a source task that ship with the project, and how they were made.
+    """The policies of a source task, five for those that ship with the project, and how they were made.
 
     Args:
       task: the source task.

@@ -17,8 +17,10 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
+import yaml
 
 from experiments.diagnose import main
+from mpge_jax import files
 from mpge_jax.diagnosis import VOCABULARY, Config, InputError, Recording, diagnose
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.corrected.mjcf import write_models
@@ -99,6 +101,15 @@ def test_corrected_files_rebuild_the_machine(result, folder):
         data.ctrl[:] = 0.3
         mujoco.mj_step(model, data)
     np.testing.assert_allclose(rebuilt.data.qpos, data.qpos, atol=1e-5)
+
+
+def test_the_users_own_file_is_patched(result):
+    out, table = result
+    value = table["effects"][0]["parameters"]["torque"]["value"]
+    ((_, joint),) = yaml.safe_load((out / "corrected.yaml").read_text())["joints"].items()
+    assert joint["frictionloss"] == {"given": 0.0, "corrected": pytest.approx(value, rel=1e-4), "unit": "N m"}
+    added = [line for line in (out / "corrected.patch").read_text().splitlines() if line.startswith("+<")]
+    assert added and all("frictionloss=" in line for line in added)
 
 
 def test_effects_file_names_the_model_to_which_its_effects_are_to_be_added(result, folder):
@@ -226,6 +237,17 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_search(folder, tmp_path
     assert main([*arguments, str(tmp_path / "new" / "out")]) == 2
     assert "no permission" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_two_diagnoses_into_one_folder_are_refused(folder, tmp_path, capsys, monkeypatch):
+    import experiments.diagnose as command
+
+    monkeypatch.setattr(command, "diagnose", lambda *_args: pytest.fail("the search was started"))
+    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out", str(tmp_path)]
+    with files.held(tmp_path):
+        assert main(arguments) == 2
+    (error,) = capsys.readouterr().err.strip().splitlines()
+    assert error.startswith(f"error: {tmp_path} is in use by another run (process ")
 
 
 def test_recordings_shorter_than_a_window_are_told(folder, tmp_path, capsys):

@@ -18,6 +18,7 @@ import pytest
 from experiments import methods, sweep
 from experiments.methods import METHODS, Outcome
 from experiments.presets import PRESETS
+from mpge_jax import files
 from mpge_jax.rollouts import policies, target_log
 from tests import small
 from tests.experiments.tiny import TINY
@@ -369,3 +370,13 @@ def test_a_sweep_killed_at_random_moments_ends_like_one_that_was_not(tmp_path):
             assert a.files == b.files
             for name in set(a.files) - {"about"}:
                 np.testing.assert_array_equal(a[name], b[name])
+
+
+def test_two_sweeps_into_one_folder_are_refused(monkeypatch, capsys, tmp_path, faked):
+    command = ("--preset", "tiny", "--method", "direct", "--out", tmp_path)
+    with files.held(tmp_path):
+        assert run(monkeypatch, *command) == 2
+        said = capsys.readouterr().err.strip()
+        assert said.startswith(f"sweep: {tmp_path} is in use by another run (process ") and "\n" not in said
+        assert faked == []
+    assert run(monkeypatch, *command) == 0 and not (tmp_path / ".lock").exists()

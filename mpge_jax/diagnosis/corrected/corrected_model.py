@@ -42,6 +42,11 @@ class CorrectedModel:
         ctx = nominal_context(compiled)
         parts: dict[Term, np.ndarray] = {}
         for entry in effects:
+            if "file" in entry and entry.get("form") not in REGISTRY:
+                raise InputError(
+                    f"effects: {entry['id']} is an effect of {entry['file']}; load it first, by "
+                    "mpge_jax.diagnosis.load_effects."
+                )
             try:
                 effect = REGISTRY[entry.get("form", entry["id"])]
                 place = find_place(ctx, effect, entry["at"], entry.get("kind"))

@@ -21,8 +21,11 @@ POSES = 4
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def load_spec(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
+def load_spec(source: str | Path | mujoco.MjSpec, text: bytes | None = None) -> mujoco.MjSpec:
     """Read a model description, which may refer to the files that `model_files` allows.
+
+    Args:
+        source: a file, or a description. text: what the file is to contain, in place of what it does.
 
     Raises:
         InputError: the file is missing, malformed, or refers to files that it may not read.
@@ -35,7 +38,7 @@ def load_spec(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
         raise InputError(f"the model file {path} {what}; give the path of an MJCF or URDF file.")
     model_files.check(path.resolve())
     try:
-        return _explicit(model_files.read_spec(path.resolve()))
+        return _explicit(model_files.read_spec(path.resolve(), text))
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"MuJoCo cannot load {path.name}: {' '.join(str(error).split())}") from None
 

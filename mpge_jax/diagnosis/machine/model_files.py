@@ -7,6 +7,7 @@ a `package.xml`), as long as their ending says what they are.
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -101,11 +102,19 @@ def _read(path: Path) -> ET.Element:
         ) from None
 
 
-def read_spec(path: Path) -> mujoco.MjSpec:
-    """The description in a file that was checked; the meshes of a URDF are found where ROS has them."""
-    tree = _read(path)
-    if tree.tag != "robot":
+def read_spec(path: Path, text: bytes | None = None) -> mujoco.MjSpec:
+    """The description in a file that was checked; the meshes of a URDF are found where ROS has them.
+
+    Args:
+        text: what the file is to contain, in place of what it does; MJCF then without `<include>`.
+    """
+    tree = _read(path) if text is None else ET.fromstring(text)
+    if tree.tag != "robot" and text is None:
         return mujoco.MjSpec.from_file(str(path))
+    if tree.tag != "robot" and text is not None:
+        spec = mujoco.MjSpec.from_string(text.decode())
+        spec.modelfiledir = f"{path.parent}{os.sep}"
+        return spec
     assets: dict[str, bytes] = {}
     folders = [path.parent]
     for compiler in tree.iter("compiler"):

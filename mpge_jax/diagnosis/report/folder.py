@@ -1,4 +1,4 @@
-"""The files of a diagnosis: the two tables, the two models, figures and `report.html`."""
+"""The files of a diagnosis: the two tables, the two models, a patch of the given one, figures and `report.html`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mpge_jax import files
 from mpge_jax.diagnosis.corrected.mjcf import write_models
+from mpge_jax.diagnosis.corrected.patch import write_patch
 from mpge_jax.diagnosis.report.figures.every_figure import draw
 from mpge_jax.diagnosis.report.html_page import page
 from mpge_jax.diagnosis.report.next_experiment import design
@@ -21,6 +22,7 @@ def write(d: Result, folder: Path) -> None:
     table, effects = diagnosis_table(d, experiment), effects_table(d)
     files.write_text(folder / "effects.json", json.dumps(effects, indent=1, allow_nan=False))
     models = write_models(d, folder)
+    write_patch(d, folder)
     figures = draw(d, folder / "figures")
     files.write_text(folder / "report.html", page(d, table, effects, figures, experiment, models))
     files.write_text(folder / "diagnosis.json", json.dumps(table, indent=1, allow_nan=False))

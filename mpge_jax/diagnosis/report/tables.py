@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mpge_jax.diagnosis import own_effects
 from mpge_jax.diagnosis.corrected.mjcf import NOMINAL, corrected_spec
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
@@ -171,6 +172,8 @@ def effects_table(d: Result) -> dict[str, Any]:
                 "native": native[term],
             }
         )
+        if (file := own_effects.file_of(term.id)) is not None:
+            rows[-1]["file"] = str(file)
     if d.actuators is not None:
         has = {(t.id, t.place.name): ok for t, ok in native.items()}
         rows += [{**row, "native": has[row["form"], row["at"]]} for row in d.actuators.table]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mpge_jax import files
+from mpge_jax.diagnosis import own_effects
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -23,9 +24,9 @@ _Terms = Mapping[tuple[str, str, int], Term]
 
 
 def fingerprint(p: Prepared) -> str:
-    """Changes with the model, the recordings and the settings."""
+    """Changes with the model, the recordings, the settings and the user's own effects."""
     digest = hashlib.sha256(repr(p.config).encode())
-    digest.update(p.spec.to_xml().encode())
+    digest.update(p.spec.to_xml().encode() + own_effects.contents())
     for source in p.train_sources + p.held_sources:
         r = source.recording
         digest.update(r.name.encode())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from mpge_jax.diagnosis.config import Config
@@ -27,8 +28,8 @@ class Result:
         train, held: errors before and after; of forces where the motion is given and
         they are predicted, else of motion. location: (place, kind, excess), largest first.
         unexplained: what is left, or None. actuators: what was found between command and measured force.
-        log: what was tried, line by line. seconds: how long it took. remainder: share of the held-out squared error
-        that is more than noise, and too slight to change the verdict.
+        log: what was tried, line by line. seconds: how long it took. model: file of the nominal model, if it had one.
+        remainder: share of the held-out squared error that is more than noise, and too slight to change the verdict.
     """
 
     verdict: str
@@ -46,6 +47,7 @@ class Result:
     actuators: ActuatorSide | None = None
     seconds: float = 0.0
     remainder: float = 0.0
+    model: Path | None = None
 
     @property
     def ctx(self) -> Context:

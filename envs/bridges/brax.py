@@ -6,7 +6,7 @@ import jax
 from brax.envs.base import Env as BraxEnv
 from brax.envs.base import State as BraxState
 
-from envs.select import select
+from envs.bridges import episodes
 from envs.types import State
 from envs.wrappers import Environment
 
@@ -24,20 +24,12 @@ class BraxBridge(BraxEnv):
 
     def reset(self, rng: jax.Array) -> BraxState:
         """The first state of an episode; keeps a key for later ones in `info["env_key"]`. `rng` is consumed."""
-        key, key_reset = jax.random.split(rng)
-        return _to_brax(self._env.reset(key_reset), {"env_key": key}, {})
+        return _to_brax(*episodes.first(self._env, rng), {})
 
     def step(self, state: BraxState, action: jax.Array) -> BraxState:
         """One step under `action [A]`; keeps what brax's wrappers have added to `info` and `metrics`."""
-        info = dict(state.info)
-        # Under a key of its own: brax's wrappers keep a `steps` of another meaning at the top level.
-        own = info.pop("env")
-        info["env_key"], key_episode = jax.random.split(info["env_key"])
-        begun = {**self._env.reset(key_episode).info, "next_obs": state.obs}
-        begins = (state.pipeline_state.time == 0) & (own["steps"] > 0)
-        own = select(begins, begun, own)
-        inner = State(state.pipeline_state, state.obs, state.reward, state.done, state.metrics, own)
-        return _to_brax(self._env.step(inner, action), info, state.metrics)
+        after, info = episodes.following(self._env, state.pipeline_state, state.obs, state.info, action)
+        return _to_brax(after, info, state.metrics)
 
     @property
     def observation_size(self) -> int:
@@ -59,5 +51,5 @@ def _to_brax(state: State, info: dict[str, Any], metrics: dict[str, jax.Array]) 
         reward=state.reward,
         done=state.info["terminated"],
         metrics={**metrics, **state.metrics},
-        info={**info, "env": state.info},
+        info=info,
     )
