@@ -25,8 +25,8 @@ SLIGHT = 0.02
 """Share of the squared error below which what is left leaves the verdict as it is."""
 NOISE, FINE = 1.5, 0.01
 """Error of a force over that of noise, and over the force itself, up to which nothing is left."""
-BEYOND = 1.64
-"""Standard errors by which an effect must lower the error of unseen forces (19 of 20 that do nothing fail)."""
+BEYOND = 1.0
+"""Standard errors by which an effect must lower the error of unseen forces."""
 BESIDE = 0.3
 """Share of the worst joint's remainder from which on another joint is named beside it."""
 MOMENTS = 8
@@ -37,18 +37,12 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     """The verdict on what was found in the training recordings, by forces that nothing was fitted to."""
     say("judging what is left")
     resolution = found.balance.resolution
-    fit = found.fit
-    held = force_errors(p, True, resolution, fit)
-    gains = {t: _gain(held, fit, t) for t in fit.hypothesis.terms}
-    needless = [t for t, (gain, error) in gains.items() if gain <= BEYOND * error]
+    fit, held, needless = _confirmed(p, found)
     if needless:
         p.warnings.append(
             f"{_listed(needless)}: the training recordings speak for it, but other recordings are not predicted better "
             "with it by more than chance; it is left out."
         )
-        parts = fit.hypothesis.split(p.ctx, fit.theta)
-        fit = fitted(found.search.bank, {t: x for t, x in parts.items() if t not in needless})
-        held = force_errors(p, True, resolution, fit)
     train = force_errors(p, False, resolution, fit)
     rivals = {t: _rivals(found, fit, t) for t in fit.hypothesis.terms}
     real, share = _left(held)
@@ -67,6 +61,22 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
         list(dict.fromkeys(p.warnings)), p.config, found.search.log,
         remainder=share if real and unexplained is None else 0.0,
     )  # fmt: skip
+
+
+def _confirmed(p: Prepared, found: ForceDecision) -> tuple[Fitted, ForceErrors, list[Term]]:
+    """The fit without the effects by which unseen forces are not predicted better, with its errors there; and those
+    effects. One is taken away at a time, as others may stand in for it."""
+    fit, needless = found.fit, list[Term]()
+    while True:
+        held = force_errors(p, True, found.balance.resolution, fit)
+        gains = {t: _gain(held, fit, t) for t in fit.hypothesis.terms}
+        sure = {t: gain / max(error, 1e-300) for t, (gain, error) in gains.items()}
+        if not sure or min(sure.values()) > BEYOND:
+            return fit, held, needless
+        worst = min(sure, key=lambda t: sure[t])
+        needless.append(worst)
+        parts = fit.hypothesis.split(p.ctx, fit.theta)
+        fit = fitted(found.search.bank, {t: x for t, x in parts.items() if t != worst})
 
 
 def _without(b: Balance, f: Fitted, term: Term) -> Array:
