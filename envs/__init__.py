@@ -8,7 +8,7 @@
 from typing import TYPE_CHECKING
 
 from envs.env import Env
-from envs.registry import BACKENDS, DYNAMICS, build_model, make, names, register, source_of
+from envs.registry import BACKENDS, DYNAMICS, build_model, engine_of, make, names, register, source_of
 from envs.select import select
 from envs.types import Engine, State, Task, Variant
 from envs.wrappers import AutoReset, Environment, Wrapper
@@ -31,6 +31,7 @@ __all__ = [
     "as_brax",
     "as_gymnax",
     "build_model",
+    "engine_of",
     "make",
     "names",
     "register",
