@@ -132,7 +132,7 @@ class CEngine:
         return dataclasses.replace(data, **returned, seen=seen)
 
     def _call(self, count: int, dtype: np.dtype[Any]) -> Callable[..., tuple[jax.Array, ...]]:
-        """`(ctrl, *carried fields, *given ones) -> returned fields`; kept, as JAX would compile a new one at every step."""
+        """`(ctrl, *carried, *given) -> returned fields`; kept, as JAX would compile a new one at every step."""
         shapes = tuple(jax.ShapeDtypeStruct(self._initial[name].shape, dtype) for name in self._returned)
 
         def in_place(context: Any, results: Any, ctrl: Any, *fields: Any) -> None:

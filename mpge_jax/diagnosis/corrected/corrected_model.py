@@ -90,7 +90,7 @@ class CorrectedModel:
         """The machine in JAX: pure `init(qpos, qvel)` and `step(data, ctrl, count)`; jit and vmap.
 
         Args:
-            backend: what computes the physics: `mjx` (MuJoCo in JAX), `c` (MuJoCo's C engine), or `auto` (`c` on a CPU).
+            backend: what computes the physics: `mjx` (MuJoCo in JAX), `c` (its C engine), or `auto` (`c` on a CPU).
         """
         from mpge_jax.diagnosis.corrected.jax_engine import CorrectedEngine
 
