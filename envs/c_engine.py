@@ -95,8 +95,8 @@ class CEngine:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy gets batches and a lock of its own: neither can be copied.
-        options = {"forces": self._forces, "fields": self._fields, "seen": self._seen}
-        return functools.partial(CEngine, **options), (self.model, self._threads)
+        make = functools.partial(CEngine, forces=self._forces, fields=self._fields, seen=self._seen)
+        return make, (self.model, self._threads)
 
     def init(self, qpos: jax.Array, qvel: jax.Array) -> CData:
         """Physics state at `qpos [nq]`, `qvel [nv]`, time 0, without warm start (as after Gymnasium's reset).
@@ -127,7 +127,7 @@ class CEngine:
             self._calls[key] = self._call(*key)
         carried = (getattr(data, name) for name in self._carried)
         values = self._calls[key](ctrl, *carried, *(data.given[name] for name in self._given))
-        returned = dict(zip(self._returned, values, strict=True))
+        returned: dict[str, Any] = dict(zip(self._returned, values, strict=True))
         seen = {name: returned.pop(name) for name in self._seen}
         return dataclasses.replace(data, **returned, seen=seen)
 

@@ -18,13 +18,15 @@ from rich.console import Console
 from rich.markdown import Markdown
 
 import envs
+from envs.variants import HIDDEN, PAPER
 from experiments import methods, report
 from experiments.methods import METHODS, Cell
-from experiments.paper import TASKS
 from experiments.presets import PRESETS, Preset
 from experiments.storage import SweepFolder, plain
 
-_TASKS_HELP = "target: " + ", ".join(TASKS)
+_TASKS_HELP = (
+    "target: " + ", ".join(v.name for v in (*PAPER, *HIDDEN)) + ", or one of ODRL's (docs/targets.md)"
+)
 _METHODS_HELP = "methods, or 'all': " + ", ".join(METHODS)
 _PRESETS_HELP = "configuration: " + ", ".join(PRESETS)
 

@@ -5,3 +5,5 @@ from envs.variants.odrl import ODRL
 from envs.variants.paper import PAPER
 
 VARIANTS = (*PAPER, *HIDDEN, *ODRL)
+
+__all__ = ["HIDDEN", "ODRL", "PAPER", "VARIANTS"]

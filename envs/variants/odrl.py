@@ -26,11 +26,11 @@ SCALES = (0.1, 0.5, 2.0, 5.0)
 RANGES = {"easy": 0.8, "medium": 0.5, "hard": 0.2}
 RADII = {"easy": 1.25, "medium": 0.75, "hard": 1.5}
 
-_JOINTS = {
+_JOINTS: dict[str, dict[str, tuple[str, ...]]] = {
     "HalfCheetah": {"thighjnt": ("bthigh", "fthigh"), "footjnt": ("bfoot", "ffoot")},
     "Hopper": {"legjnt": ("leg_joint",), "footjnt": ("foot_joint",)},
 }
-_GEOMS = {
+_GEOMS: dict[str, dict[str, tuple[str, ...]]] = {
     "HalfCheetah": {"torso": ("torso", "head"), "thigh": ("bthigh", "fthigh")},
     "Hopper": {"torso": ("torso_geom",), "foot": ("foot_geom",)},
 }

@@ -4,8 +4,11 @@ from collections.abc import Sequence
 
 from experiments.methods.baselines import direct, finetune, target
 from experiments.methods.cell import Method
+from experiments.methods.corrected_reward import corrected_reward
 from experiments.methods.diagnosed import diagnosed, diagnosed_and_grounded
 from experiments.methods.grounded import grounded
+from experiments.methods.randomised import randomised
+from experiments.methods.residual import delta
 
 METHODS = {
     method.name: method
@@ -82,6 +85,19 @@ METHODS = {
             grounding="adversarial",
             ensemble=True,
         ),
+        Method(
+            "delta",
+            "a residual policy that makes the simulator follow the log (ASAP), then agents behind it",
+            delta,
+            samples="log",
+        ),
+        Method(
+            "DARC",
+            "agents in the simulator, whose reward is corrected by classifiers of source and target",
+            corrected_reward,
+            samples="log",
+        ),
+        Method("DR", "domain randomisation: agents in machines drawn around the simulator", randomised),
         Method(
             "finetune", "SAC goes on in the target for the metered number of steps", finetune, samples="agent"
         ),

@@ -125,7 +125,7 @@ def init(
             return sac.act(state.learner.actor, obs, key)
         return jax.random.uniform(key, (obs.shape[0], env.action_size), obs.dtype, low, high)
 
-    return _collect(state, env, first_action, key_random, config.random_rounds, bonus)
+    return collect(state, env, first_action, key_random, config.random_rounds, bonus)
 
 
 def iterate(
@@ -152,7 +152,7 @@ def iterate(
         def policy(obs: Float[Array, "E O"], key: PRNGKeyArray) -> Float[Array, "E A"]:
             return sac.act(state.learner.actor, obs, key)
 
-        state = _collect(state.replace(key=key), env, policy, key_act, steps, bonus)
+        state = collect(state.replace(key=key), env, policy, key_act, steps, bonus)
         learner, metrics = sac.update_many(state.learner, state.buffer, key_update, updates, config.sac)
         return state.replace(learner=learner), metrics
 
@@ -161,7 +161,7 @@ def iterate(
     return state, {**metrics, "return": jnp.nanmean(state.last_return)}
 
 
-def _collect(
+def collect(
     state: AgentState,
     env: Environment,
     policy: Callable[[Float[Array, "E O"], PRNGKeyArray], Float[Array, "E A"]],
@@ -169,6 +169,7 @@ def _collect(
     steps: int,
     bonus: RewardBonus | None,
 ) -> AgentState:
+    """Takes `steps` in each environment as `policy` says, and puts them into the buffer. `key` is consumed."""
     stepper = jax.vmap(AutoReset(env).step)
 
     def body(

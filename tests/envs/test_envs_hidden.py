@@ -1,5 +1,7 @@
 """Targets with hidden physics: late commands by hand, and the fields of the models."""
 
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -7,6 +9,7 @@ import numpy as np
 import pytest
 
 import envs
+from envs.variants import HIDDEN, PAPER
 from tests.envs.compiled import compiled
 
 
@@ -82,3 +85,9 @@ def test_a_strap_pulls_both_hips_to_opposite_angles():
         mujoco.mj_forward(compiled("HalfCheetah").env.model, bare)
         pull = (data.qfrc_passive - bare.qfrc_passive)[hips]
         np.testing.assert_allclose(pull, [-90.0 * (back + front)] * 2, atol=1e-6)
+
+
+def test_the_page_of_targets_has_them_all():
+    page = (Path(__file__).parents[2] / "docs" / "targets.md").read_text("utf-8")
+    for variant in (*PAPER, *HIDDEN):
+        assert f"| `{variant.name}` | {variant.task} | {variant.about} |" in page

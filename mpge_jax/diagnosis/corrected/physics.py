@@ -68,7 +68,7 @@ class CPhysics:
         return data.seen[name] if name in data.seen else jnp.zeros(shape, data.qpos.dtype)
 
     def inertia(self, data: Any, dof: int) -> jax.Array:
-        return free_inertia(self.model, data.seen["qLD"], dof)
+        return jnp.asarray(free_inertia(self.model, data.seen["qLD"], dof))
 
 
 class MJXPhysics:
