@@ -343,6 +343,62 @@ MUTANTS = (
         "lost = ~sound",
         ("tests/envs/test_envs_engines.py::test_a_diverged_simulation_is_lost_and_alone",),
     ),
+    Mutant(
+        "DARC rewards what the target lacks",
+        "mpge_jax/learning/darc.py",
+        "jnp.clip(long - short,",
+        "jnp.clip(short - long,",
+        ("tests/learning/test_darc.py",),
+    ),
+    Mutant(
+        "DARC pays from the first update on",
+        "mpge_jax/learning/darc.py",
+        "jnp.where(learner.step >= warm_up, added, 0.0)",
+        "jnp.where(learner.step >= 0, added, 0.0)",
+        ("tests/learning/test_darc.py",),
+    ),
+    Mutant(
+        "late commands come at once",
+        "envs/env.py",
+        'data = self.engine.step(data, info["command"], self._delay)',
+        "data = self.engine.step(data, command, self._delay)",
+        ("tests/envs/test_envs_hidden.py::test_late_commands_by_hand",),
+    ),
+    Mutant(
+        "delta is subtracted where the agent trains",
+        "mpge_jax/grounding/delta_action.py",
+        "jnp.clip(asked + delta(",
+        "jnp.clip(asked - delta(",
+        ("tests/grounding/test_delta_action.py",),
+    ),
+    Mutant(
+        "every episode has the same drawn machine",
+        "envs/randomised.py",
+        "jnp.asarray(values, kind)[machine]",
+        "jnp.asarray(values, kind)[0]",
+        ("tests/envs/test_envs_randomised.py",),
+    ),
+    Mutant(
+        "every seed is corrected by the first one's log",
+        "experiments/methods/cell.py",
+        "lambda x: x[i : i + 1]",
+        "lambda x: x[:1]",
+        ("tests/experiments/test_diagnosed.py",),
+    ),
+    Mutant(
+        "a fall back to the plain simulator is not told",
+        "experiments/methods/diagnosed.py",
+        '"simulator": "corrected" if found["effects"] else "plain"',
+        '"simulator": "corrected"',
+        ("tests/experiments/test_diagnosed.py",),
+    ),
+    Mutant(
+        "finetuning spends its first steps at random",
+        "experiments/methods/baselines.py",
+        'first="policy"',
+        'first="uniform"',
+        ("tests/experiments/test_finetune.py",),
+    ),
 )
 
 

@@ -1,11 +1,11 @@
 """The shifts of HalfCheetah and Hopper in ODRL, under its names: `halfcheetah-friction-0.5`, `hopper-morph-foot-easy`.
 
 ODRL is the benchmark for off-dynamics reinforcement learning of Lyu et al. (NeurIPS 2024 Datasets and Benchmarks,
-arXiv:2410.20750; MIT licence, github.com/OffDynamicsRL/off-dynamics-rl). What is taken from there: the kinds, parts and
-levels of shifts, and the factors, which are those of its humanoid files (`envs/mujoco/assets/humanoid_*.xml`), the only
-ones at hand when this was written. So the friction, gravity and kinematic shifts follow its rule; that its HalfCheetah
-and Hopper files have the humanoid leg's factors in `morph` as well is an assumption, and returns here are not to be set
-beside ODRL's tables. Its source tasks are Gym's of MuJoCo 2.1; here they are this project's.
+arXiv:2410.20750; MIT, github.com/OffDynamicsRL/off-dynamics-rl). Its kinds, parts and levels are kept; its model
+files of these two robots were not at hand. The factors are those of its humanoid files (`humanoid_gravity_*.xml`,
+`humanoid_kinematic_hipjnt_*.xml`, `humanoid_morph_leg_*.xml`). That they hold for HalfCheetah and Hopper is an
+assumption, above all for `morph`, where its humanoid's torso has other factors than its leg. So returns here are not to
+be set beside ODRL's tables; nor are its source tasks (Gym's, in MuJoCo 2.1) quite this project's.
 
 - friction: every coefficient of every geom times 0.1, 0.5, 2 or 5.
 - gravity: times 0.1, 0.5, 2 or 5.

@@ -137,14 +137,14 @@ class Trained:
             return jax.tree.map(lambda *x: jnp.concatenate(x), *trees)
 
         made = [part.transformers for part in parts]
+        # An error is known only where the simulator was left as it is.
+        known = [name for name in parts[0].curve if all(name in part.curve for part in parts)]
         return Trained(
             learners=together([part.learners for part in parts]),
             target_steps=[steps for part in parts for steps in part.target_steps],
             extra=[row for part in parts for row in part.extra],
             seconds=sum(part.seconds for part in parts),
-            curve={
-                name: np.concatenate([part.curve[name] for part in parts], axis=1) for name in parts[0].curve
-            },
+            curve={name: np.concatenate([part.curve[name] for part in parts], axis=1) for name in known},
             transformers=None if made[0] is None else together(made),
         )
 

@@ -1,11 +1,14 @@
 """Simulators corrected by what a diagnosis names: whose log, which simulator, and what the rows say."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
+import envs
 from experiments import report
 from experiments.methods import METHODS, diagnosed, grounded
 from tests import small
@@ -60,7 +63,9 @@ def test_the_corrected_simulator_is_what_is_grounded(monkeypatch, tmp_path, begu
 
     def ground(one):
         asked.append(one)
-        return jax.tree.map(lambda x: x[None, None], small.constant(one.source, 0.5)), {}, [7]
+        curve = {"reward": np.full((3, 1, 1), float(len(asked)))}
+        curve |= {} if one.truth is None else {"error_uniform": np.zeros((3, 1, 1))}
+        return jax.tree.map(lambda x: x[None, None], small.constant(one.source, 0.5)), curve, [7]
 
     monkeypatch.setattr(grounded, "ground", ground)
     given = work("diagnosed+MPGE", tmp_path, seeds=(0, 1), logs=two_logs(), truth=lambda action: action)
@@ -71,6 +76,17 @@ def test_the_corrected_simulator_is_what_is_grounded(monkeypatch, tmp_path, begu
     assert [one.truth is None for one in asked] == [True, False]
     assert [row["grounding_simulator_steps"] for row in made.extra] == [7, 7]
     assert made.transformers.input_mean.shape == (2, 1, 5)
+    # Both seeds' curves, of what is known of both.
+    assert list(made.curve) == ["reward"] and made.curve["reward"].shape == (3, 2, 1)
+
+
+def test_the_description_that_is_diagnosed_has_the_simulators_inertia(tmp_path):
+    given = work("diagnosed", tmp_path)
+    given = dataclasses.replace(given, cell=dataclasses.replace(given.cell, dynamics="legacy"))
+    model = diagnosed._nominal(given).compile()
+    legacy = envs.make("InvertedPendulum", "c", "legacy").model
+    np.testing.assert_allclose(model.body_mass, legacy.body_mass)
+    assert model.body_mass.sum() > 1.05 * small.env("InvertedPendulum").model.body_mass.sum()
 
 
 def test_the_table_says_what_was_named_and_where_nothing_was():
