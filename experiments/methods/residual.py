@@ -2,6 +2,7 @@
 
 import dataclasses
 import time
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -14,12 +15,14 @@ from mpge_jax.learning import agent
 from mpge_jax.rollouts.trajectories import Trajectories, trajectories
 
 CONFIG = DeltaConfig()
+TEMPERATURE = 0.1
+"""Where SAC's temperature starts: a step of following is worth 1 at most, less than the tasks' own rewards."""
 
 
 def delta(work: Work) -> Trained:
     """Learns to follow the log, with the budget that the preset gives to an agent; then trains agents."""
     cell, settings = work.cell, work.cell.preset.tasks[work.source.name]
-    config = settings.agent
+    config = replace(settings.agent, sac=replace(settings.agent.sac, init_alpha=TEMPERATURE))
     rows = jax.vmap(trajectories)(work.recorded)
 
     def env_of(part: Trajectories) -> TrackingEnv:

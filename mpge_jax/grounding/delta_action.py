@@ -4,9 +4,10 @@ ASAP (He et al., RSS 2025, arXiv:2502.01143) trains by reinforcement learning a 
 logged actions in the simulator, whose states are to follow the logged ones; then the task's policy is trained in the
 simulator with the frozen `delta`. There PPO learns from the rewards of motion tracking; here SAC does, from one reward:
 
-    r = exp(-mean_i ((s_i - s*_i) / sigma_i)^2) - penalty mean_j (delta_j / scale_j)^2
+    r = exp(-e) - penalty mean_j (delta_j / scale_j)^2,     e^2 = mean_i ((s_i - s*_i) / sigma_i)^2
 
-with s* the logged state, and sigma_i the standard deviation of the change of observation i over the log.
+with s* the logged state, and sigma_i the standard deviation of the change of observation i over the log. e and not its
+square, so that a small error is still worth removing.
 
 Shapes: `O` observation, `A` action size.
 """
@@ -37,7 +38,7 @@ class DeltaConfig:
 
     Attributes:
       horizon: steps of an episode, which begins in a random logged state.
-      lost: an episode ends where the mean squared scaled error passes this.
+      lost: an episode ends where the error e passes this.
       penalty: weight of the size of `delta`.
 
     Raises:
@@ -45,7 +46,7 @@ class DeltaConfig:
     """
 
     horizon: int = 16
-    lost: float = 4.0
+    lost: float = 2.0
     penalty: float = 0.01
 
     def __post_init__(self) -> None:
@@ -95,7 +96,7 @@ class TrackingEnv:
         low, high = jnp.asarray(self._env.action_low), jnp.asarray(self._env.action_high)
         inner = self._env.step(state.data, jnp.clip(logged + action, low, high))
         reached = inner.info["next_obs"]
-        error = jnp.mean(jnp.square((reached - rows.following[row]) / rows.scale))
+        error = jnp.sqrt(jnp.mean(jnp.square((reached - rows.following[row]) / rows.scale)))
         size = jnp.mean(jnp.square(action / jnp.asarray(self.action_high)))
         kind = reached.dtype
         lost = ~(error < self._config.lost)
