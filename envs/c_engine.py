@@ -29,7 +29,12 @@ _MOST_BATCHES = 8
 
 @flax.struct.dataclass
 class CData:
-    """Physics state of one simulation; names and shapes as in `MjData`."""
+    """Physics state of one simulation; names and shapes as in `MjData`.
+
+    Attributes:
+      given: by name, what the caller sets: forces and fields of the model, see `CEngine`.
+      seen: by name, what the engine computed on the way, see `CEngine`.
+    """
 
     qpos: jax.Array
     qvel: jax.Array
@@ -40,6 +45,8 @@ class CData:
     plugin_state: jax.Array
     plastic: jax.Array
     sensordata: jax.Array
+    given: dict[str, jax.Array] = flax.struct.field(default_factory=dict)
+    seen: dict[str, jax.Array] = flax.struct.field(default_factory=dict)
 
 
 class CEngine:
@@ -55,23 +62,41 @@ class CEngine:
     Args:
       model: compiled model.
       threads: threads of one batch; 0 takes all cores.
+      forces: fields of `MjData` that the caller sets before a step, in `CData.given` (`qfrc_applied`, `xfrc_applied`).
+      fields: fields of `MjModel` that each simulation has values of its own of, in `CData.given`; constants that
+        MuJoCo derives from them are fields of their own.
+      seen: fields of `MjData` that a step computes on its way, in `CData.seen`; one physics step behind, as after
+        `mj_step`.
     """
 
-    def __init__(self, model: mujoco.MjModel, threads: int = 0):
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        threads: int = 0,
+        *,
+        forces: Sequence[str] = (),
+        fields: Sequence[str] = (),
+        seen: Sequence[str] = (),
+    ):
         self.model = model
+        self._forces, self._fields, self._seen = tuple(forces), tuple(fields), tuple(seen)
         self._threads = threads or _cores()
         self._batches: dict[int, _Batch] = {}
         self._calls: dict[tuple[int, np.dtype[Any]], Callable[..., tuple[jax.Array, ...]]] = {}
         self._lock = threading.Lock()
         data = mujoco.MjData(model)
-        self._initial = {name: np.array(getattr(data, name)) for name in (*_CARRIED, "sensordata")}
+        named = (*_CARRIED, "sensordata", *self._forces, *self._seen)
+        self._initial = {name: np.array(getattr(data, name)) for name in named}
+        self._initial |= {name: np.array(getattr(model, name)) for name in self._fields}
         # MuJoCo keeps fields that the model does not have at size 0: nothing to carry across.
         self._carried = [name for name in _CARRIED if self._initial[name].size]
-        self._returned = self._carried + (["sensordata"] if model.nsensordata else [])
+        self._given = [*self._forces, *self._fields]
+        self._returned = self._carried + (["sensordata"] if model.nsensordata else []) + [*self._seen]
 
-    def __reduce__(self) -> tuple[type["CEngine"], tuple[mujoco.MjModel, int]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         # A copy gets batches and a lock of its own: neither can be copied.
-        return CEngine, (self.model, self._threads)
+        make = functools.partial(CEngine, forces=self._forces, fields=self._fields, seen=self._seen)
+        return make, (self.model, self._threads)
 
     def init(self, qpos: jax.Array, qvel: jax.Array) -> CData:
         """Physics state at `qpos [nq]`, `qvel [nv]`, time 0, without warm start (as after Gymnasium's reset).
@@ -86,7 +111,13 @@ class CEngine:
                 'jax.config.update("jax_enable_x64", True) first'
             )
         initial = {name: jnp.asarray(value, qpos.dtype) for name, value in self._initial.items()}
-        return CData(**{**initial, "qpos": qpos, "qvel": qvel})
+        given = {name: initial.pop(name) for name in self._given}
+        seen = {name: initial.pop(name) for name in self._seen}
+        return CData(**{**initial, "qpos": qpos, "qvel": qvel}, given=given, seen=seen)
+
+    def forward(self, data: CData) -> CData:
+        """What the engine computes on its way in the state of `data`, without moving it."""
+        return self.step(data, jnp.zeros(self.model.nu, data.qpos.dtype), 0)
 
     def step(self, data: CData, ctrl: jax.Array, count: int) -> CData:
         """`count` physics steps under `ctrl [nu]`. `sensordata` is one physics step behind, as after `mj_step`."""
@@ -94,11 +125,14 @@ class CEngine:
         key = (count, np.dtype(data.qpos.dtype))
         if key not in self._calls:
             self._calls[key] = self._call(*key)
-        values = self._calls[key](ctrl, *(getattr(data, name) for name in self._carried))
-        return dataclasses.replace(data, **dict(zip(self._returned, values, strict=True)))
+        carried = (getattr(data, name) for name in self._carried)
+        values = self._calls[key](ctrl, *carried, *(data.given[name] for name in self._given))
+        returned: dict[str, Any] = dict(zip(self._returned, values, strict=True))
+        seen = {name: returned.pop(name) for name in self._seen}
+        return dataclasses.replace(data, **returned, seen=seen)
 
     def _call(self, count: int, dtype: np.dtype[Any]) -> Callable[..., tuple[jax.Array, ...]]:
-        """`(ctrl, *carried fields) -> returned fields`; kept, as JAX would compile a new one at every step."""
+        """`(ctrl, *carried, *given) -> returned fields`; kept, as JAX would compile a new one at every step."""
         shapes = tuple(jax.ShapeDtypeStruct(self._initial[name].shape, dtype) for name in self._returned)
 
         def in_place(context: Any, results: Any, ctrl: Any, *fields: Any) -> None:
@@ -118,19 +152,22 @@ class CEngine:
         return jax.jit(lambda *given: jax.lax.platform_dependent(*given, cpu=on_cpu, default=elsewhere))
 
     def _step(self, given: Sequence[np.ndarray], results: Sequence[np.ndarray], count: int) -> None:
-        """Steps from `given` (ctrl and the carried fields) into `results`, all of them `[*lead, ...]`."""
+        """Steps from `given` (ctrl, the carried fields and what the caller sets) into `results`, all `[*lead, ...]`."""
         size = int(np.prod(given[0].shape[:-1], dtype=np.int64))
         with self._lock:
             batch = self._batch(size)
             sound = np.ones(size, bool)
-            for name, value in zip(["ctrl", *self._carried], given, strict=True):
+            for name, value in zip(["ctrl", *self._carried, *self._given], given, strict=True):
                 view = batch.views[name]
                 view[:] = value.reshape(view.shape)
                 sound &= np.isfinite(view).reshape(size, -1).all(axis=1)
             # Stepped from a sound state and thrown away: MuJoCo would log each one.
             batch.native.state[~sound] = batch.rest
             before = batch.native.warning[:, _DIVERGED, 1].sum(axis=1)
-            batch.native.step(nstep=count)
+            if count:
+                batch.native.step(nstep=count)
+            else:
+                batch.native.forward()
             lost = ~sound | (batch.native.warning[:, _DIVERGED, 1].sum(axis=1) > before)
             for name, result in zip(self._returned, results, strict=True):
                 view = batch.views[name]
@@ -141,7 +178,11 @@ class CEngine:
     def _batch(self, size: int) -> "_Batch":
         # Least recently used first.
         batch = self._batches.pop(size, None) or _Batch(
-            self.model, size, min(self._threads, size), ["ctrl", *self._returned]
+            self.model,
+            size,
+            min(self._threads, size),
+            ["ctrl", *self._returned, *self._forces],
+            self._fields,
         )
         self._batches[size] = batch
         if len(self._batches) > _MOST_BATCHES:
@@ -150,12 +191,15 @@ class CEngine:
 
 
 class _Batch:
-    """MuJoCo's batch of `size` simulations, with live views of its fields `[size, ...]`."""
+    """MuJoCo's batch of `size` simulations, with live views of its fields `[size, ...]`, those of the model too."""
 
-    def __init__(self, model: mujoco.MjModel, size: int, threads: int, names: list[str]):
+    def __init__(
+        self, model: mujoco.MjModel, size: int, threads: int, names: list[str], fields: Sequence[str]
+    ):
         self.native = mujoco.batch.Batch(model, size, nthread=threads)
         self.native.reset()
         self.views = {name: self.native.bind(name) for name in names}
+        self.views |= {name: self.native.expand(name) for name in fields}
         self.rest = self.native.state[0].copy()
 
 

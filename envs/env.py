@@ -24,8 +24,8 @@ class Env:
       max_steps: time limit of an episode in steps.
 
     Raises:
-      ValueError: an actuator without a control range, or a function of the task or variant that returns another shape
-        than it should.
+      ValueError: an actuator without a control range, a function of the task or variant that returns another shape than
+        it should, or a delay of more than one step.
     """
 
     def __init__(self, task: Task, model: mujoco.MjModel, engine: Engine, variant: Variant | None = None):
@@ -46,6 +46,12 @@ class Env:
         )
         self.dt = float(model.opt.timestep * task.frame_skip)
         self.max_steps = task.max_steps
+        self._delay = 0 if variant is None else variant.delay
+        if self._delay > task.frame_skip:
+            raise ValueError(
+                f"{self.name}: a delay of {self._delay} physics steps is longer than one step of {task.name}, "
+                f"{task.frame_skip}"
+            )
         self.observation_size = self._check_shapes()
 
     def reset(self, key: jax.Array) -> State:
@@ -86,14 +92,20 @@ class Env:
         low, high = jnp.asarray(self.action_low, action.dtype), jnp.asarray(self.action_high, action.dtype)
         if self.variant is not None and self.variant.action is not None:
             action = self.variant.action(action, low, high)
-        data = self.engine.step(state.data, jnp.clip(action, low, high), self.task.frame_skip)
+        info, command = dict(state.info), jnp.clip(action, low, high)
+        data = state.data
+        if self._delay:
+            data = self.engine.step(data, info["command"], self._delay)
+            info["command"] = command
+        if self._delay < self.task.frame_skip:
+            data = self.engine.step(data, command, self.task.frame_skip - self._delay)
         reward, metrics = self.task.reward(state.data, action if charged is None else charged, data, self.dt)
         obs = self.task.observe(data)
         steps = state.info["steps"] + 1
         terminated = (self.task.terminated(data) | ~jnp.all(jnp.isfinite(obs))).astype(obs.dtype)
         truncated = (steps >= self.max_steps).astype(obs.dtype)
         info = {
-            **state.info,
+            **info,
             "terminated": terminated,
             "truncated": truncated,
             "steps": steps,
@@ -116,6 +128,8 @@ class Env:
         action = jnp.zeros(self.action_size, obs.dtype)
         _, metrics = self.task.reward(data, action, data, self.dt)
         info = {"terminated": zero, "truncated": zero, "steps": jnp.zeros((), jnp.int32), "next_obs": obs}
+        if self._delay:
+            info["command"] = action
         return State(data, obs, zero, zero, jax.tree.map(jnp.zeros_like, metrics), info)
 
     def _check_shapes(self) -> int:

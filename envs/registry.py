@@ -121,10 +121,16 @@ def make(name: str, backend: str = "auto", dynamics: str = "mujoco") -> Env:
     variant = _variants.get(name)
     task = _tasks[source_of(name)]
     model = build_model(task, variant, dynamics)
-    return Env(task, model, _engine(model, backend), variant)
+    return Env(task, model, engine_of(model, backend), variant)
 
 
-def _engine(model: mujoco.MjModel, backend: str) -> Engine:
+def engine_of(model: mujoco.MjModel, backend: str = "auto") -> Engine:
+    """The physics of a compiled model on a backend, as in `make`.
+
+    Raises:
+      ValueError: a backend that is not known, or cannot simulate the model.
+    """
+    _check(backend, BACKENDS, "backend")
     if backend == "auto":
         backend = "c" if jax.default_backend() == "cpu" else "mjx"
     if backend == "c":

@@ -22,7 +22,8 @@ class State(flax.struct.PyTreeNode):
       done: 1 where the episode ended here, `[]`.
       metrics: parts of the reward, scalars.
       info: `terminated`, `truncated` (0 or 1, apart), `steps` (of the episode so far), `next_obs` (the
-        observation that the last step truly led to, also where a wrapper has reset `obs`).
+        observation that the last step truly led to, also where a wrapper has reset `obs`), and where commands are late
+        `command` (the last one, `[A]`).
     """
 
     data: Any
@@ -86,9 +87,11 @@ class Variant:
       action: `(action [A], low [A], high [A]) -> action [A]`, what the target executes in its place (clipped to the
         action box afterwards).
       total_mass: replaces the task's total mass, in kg.
+      delay: physics steps after which a new command reaches the actuators; until then they hold the one before, 0 at
+        the start of an episode. At most the task's `frame_skip`.
 
     Raises:
-      ValueError: `total_mass` not above 0.
+      ValueError: `total_mass` not above 0, or `delay` below 0.
     """
 
     name: str
@@ -97,9 +100,12 @@ class Variant:
     spec: Callable[[mujoco.MjSpec], None] | None = None
     action: Callable[[jax.Array, jax.Array, jax.Array], jax.Array] | None = None
     total_mass: float | None = None
+    delay: int = 0
 
     def __post_init__(self) -> None:
         _check_mass(self.name, self.total_mass)
+        if self.delay < 0:
+            raise ValueError(f"{self.name}: delay must be at least 0 physics steps, got {self.delay}")
 
 
 def _check_mass(name: str, total_mass: float | None) -> None:

@@ -15,7 +15,7 @@ from mpge_jax.loop import Curve
 
 Rows = list[dict[str, Any]]
 
-# Okabe and Ito's colours, which stay apart for colour-blind readers.
+# Okabe and Ito's colours, then some of Tol's: both stay apart for colour-blind readers.
 _COLOURS = {
     "SPG": "#E69F00",
     "MPG-MS": "#56B4E9",
@@ -25,6 +25,11 @@ _COLOURS = {
     "Vine": "#000000",
     "GAT": "#999999",
     "MPGE+": "#009E73",
+    "diagnosed": "#882255",
+    "diagnosed+MPGE": "#332288",
+    "finetune": "#999933",
+    "delta": "#44AA99",
+    "DARC": "#DDCC77",
 }
 
 
@@ -82,13 +87,35 @@ def markdown(rows: Rows, order: list[str], failures: dict[str, str]) -> str:
             f"| {_cell(column('transform_error'), 3)} | {'/'.join(f'{x:,}' for x in steps)} "
             f"| {'/'.join(f'{x:,}' for x in simulated)} |"
         )
+    lines += _diagnoses(rows, order)
     for cell, error in failures.items():
         lines.append(f"\n{cell} failed: {error}")
     return "\n".join(lines) + "\n"
 
 
+def _diagnoses(rows: Rows, order: list[str]) -> list[str]:
+    """What each diagnosis came to, and where none corrected the simulator."""
+    told = [row for row in rows if "verdict" in row]
+    if not told:
+        return []
+    lines = [
+        "",
+        "What the diagnoses named, and what the agents trained in (`plain`: nothing was named, the simulator is as it "
+        "was):",
+        "",
+        "| method | samples | seed | verdict | named | simulator |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in sorted(told, key=lambda r: (order.index(r["method"]), r["samples"], r["seed"])):
+        lines.append(
+            f"| {row['method']} | {row['samples']} | {row['seed']} | {row['verdict']} | {row['named'] or '-'} "
+            f"| {row['simulator']} |"
+        )
+    return lines
+
+
 def returns_figure(rows: Rows, path: Path, task: str) -> None:
-    """Mean return in the target against samples, one line a method; direct and target as levels."""
+    """Mean return in the target against samples, one line a method; those without samples as levels."""
     figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
     groups = _groups(rows)
     shown = [method for method in _COLOURS if any(name == method for name, _ in groups)]
@@ -100,7 +127,7 @@ def returns_figure(rows: Rows, path: Path, task: str) -> None:
         # Side by side, or methods of one return would hide each other.
         beside = np.array(sizes) * 1.02 ** (place - (len(shown) - 1) / 2)
         axes.errorbar(beside, means, errors, color=colour, marker="o", capsize=3, label=method)
-    for method, style in (("direct", ":"), ("target", "--")):
+    for method, style in (("direct", ":"), ("DR", "-."), ("target", "--")):
         if (method, 0) in groups:
             level = float(np.mean([row["return_stochastic"] for row in groups[method, 0]]))
             axes.axhline(level, color="black", linestyle=style, label=method)

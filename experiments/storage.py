@@ -134,8 +134,8 @@ class SweepFolder:
         policies.save(folder / "agents.npz", agents, {"rows": rows})
         files.write_text(folder / "result.json", json.dumps(rows, indent=1))
         (folder / "error.json").unlink(missing_ok=True)
-        for checkpoints in ("grounding", "agent"):
-            shutil.rmtree(folder / checkpoints, ignore_errors=True)
+        for checkpoints in (folder / "grounding", folder / "agent", *folder.glob("seed_*")):
+            shutil.rmtree(checkpoints, ignore_errors=True)
 
     def save_error(self, method: str, samples: int, message: str) -> None:
         """Records why a cell failed."""

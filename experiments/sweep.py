@@ -20,15 +20,19 @@ from rich.markdown import Markdown
 
 import envs
 from envs import own_tasks
+from envs.variants import HIDDEN, PAPER
 from experiments import methods, report
 from experiments.methods import METHODS, Cell
-from experiments.paper import TASKS
 from experiments.presets import PRESETS, Preset
 from experiments.storage import SweepFolder, plain
 from mpge_jax import files
 from mpge_jax.rollouts import policies
 
-_TASKS_HELP = "target: " + ", ".join(TASKS) + "; or path/to/file.py:NAME, a target of your own"
+_TASKS_HELP = (
+    "target: "
+    + ", ".join(v.name for v in (*PAPER, *HIDDEN))
+    + "; one of ODRL's (docs/targets.md); or path/to/file.py:NAME, a target of your own"
+)
 _METHODS_HELP = "methods, or 'all': " + ", ".join(METHODS)
 _PRESETS_HELP = "configuration: " + ", ".join(PRESETS)
 

@@ -34,11 +34,12 @@ class Diagnosis(Result):
         """Compiled model with all effects that MuJoCo has natively; `effects()` holds the others too."""
         return self.corrected_spec().compile()
 
-    def corrected_env(self, task: str | None = None) -> Any:
-        """The corrected machine (`CorrectedModel`); with the name of a task, that task's `envs.Env` in it."""
+    def corrected_env(self, task: str | None = None, backend: str = "auto") -> Any:
+        """The corrected machine (`CorrectedModel`); with the name of a task, that task's `envs.Env` in it, on a backend
+        `c`, `mjx`, or `auto` (`c` on a CPU, else `mjx`)."""
         from mpge_jax.diagnosis.corrected.tasks import corrected_env
 
-        return corrected_env(self.prepared.spec, self.effects()["effects"], task)
+        return corrected_env(self.prepared.spec, self.effects()["effects"], task, backend)
 
     def effects(self) -> dict[str, Any]:
         """All effects in the form from which `CorrectedModel` rebuilds them: the contents of `effects.json`."""

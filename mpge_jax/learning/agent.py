@@ -5,7 +5,7 @@ Shapes: `E` parallel environments, `O` observation size, `A` action size.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import flax.struct
 import jax
@@ -96,10 +96,12 @@ def init(
     config: AgentConfig,
     learner: SACState | None = None,
     bonus: RewardBonus | None = None,
+    first: Literal["uniform", "policy"] = "uniform",
 ) -> AgentState:
-    """A fresh agent (or one that goes on from `learner`) whose buffer holds `random_steps` random transitions.
+    """A fresh agent (or one that goes on from `learner`) whose buffer holds `random_steps` transitions.
 
-    `key` is consumed. `bonus` is as in `iterate`.
+    `key` is consumed. `bonus` is as in `iterate`. `first`: whether uniformly random actions lead to them, or the
+    policy's own.
     """
     key_learner, key_reset, key_random, key = jax.random.split(key, 4)
     if learner is None:
@@ -118,10 +120,12 @@ def init(
     )
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
 
-    def random_action(obs: Float[Array, "E O"], key: PRNGKeyArray) -> Float[Array, "E A"]:
+    def first_action(obs: Float[Array, "E O"], key: PRNGKeyArray) -> Float[Array, "E A"]:
+        if first == "policy":
+            return sac.act(state.learner.actor, obs, key)
         return jax.random.uniform(key, (obs.shape[0], env.action_size), obs.dtype, low, high)
 
-    return _collect(state, env, random_action, key_random, config.random_rounds, bonus)
+    return collect(state, env, first_action, key_random, config.random_rounds, bonus)
 
 
 def iterate(
@@ -148,7 +152,7 @@ def iterate(
         def policy(obs: Float[Array, "E O"], key: PRNGKeyArray) -> Float[Array, "E A"]:
             return sac.act(state.learner.actor, obs, key)
 
-        state = _collect(state.replace(key=key), env, policy, key_act, steps, bonus)
+        state = collect(state.replace(key=key), env, policy, key_act, steps, bonus)
         learner, metrics = sac.update_many(state.learner, state.buffer, key_update, updates, config.sac)
         return state.replace(learner=learner), metrics
 
@@ -157,7 +161,7 @@ def iterate(
     return state, {**metrics, "return": jnp.nanmean(state.last_return)}
 
 
-def _collect(
+def collect(
     state: AgentState,
     env: Environment,
     policy: Callable[[Float[Array, "E O"], PRNGKeyArray], Float[Array, "E A"]],
@@ -165,6 +169,7 @@ def _collect(
     steps: int,
     bonus: RewardBonus | None,
 ) -> AgentState:
+    """Takes `steps` in each environment as `policy` says, and puts them into the buffer. `key` is consumed."""
     stepper = jax.vmap(AutoReset(env).step)
 
     def body(

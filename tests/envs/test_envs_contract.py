@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 import envs
-from tests.envs.compiled import COPIES, compiled
+from tests.envs.compiled import COPIES, NAMES, compiled
 
 # MJX takes tens of seconds to compile a model on CPU: one of its models by default, all of them in the slow tests.
-CASES = [(name, "c") for name in envs.names()] + [
-    pytest.param(name, "mjx", marks=[] if name == "InvertedPendulum" else pytest.mark.slow)
-    for name in envs.names()
+CASES = [(name, "c") for name in NAMES] + [
+    pytest.param(name, "mjx", marks=[] if name == "InvertedPendulum" else pytest.mark.slow) for name in NAMES
 ]
 SIZES = {"InvertedPendulum": (4, 1, 3.0), "Hopper": (11, 3, 1.0), "HalfCheetah": (17, 6, 1.0)}
 
@@ -40,7 +39,7 @@ def test_engines_step_alike():
     np.testing.assert_array_equal(theirs.info["terminated"], ours.info["terminated"])
 
 
-@pytest.mark.parametrize("name", envs.names())
+@pytest.mark.parametrize("name", NAMES)
 def test_attributes(name):
     env = compiled(name, "c").env
     observation_size, action_size, limit = SIZES[envs.source_of(name)]
@@ -114,7 +113,7 @@ def test_copies_do_not_touch_each_other(name, backend):
         assert np.isnan(again.obs[1]).any() and np.isfinite(np.asarray(again.obs)[others]).all()
 
 
-@pytest.mark.parametrize("name", envs.names())
+@pytest.mark.parametrize("name", NAMES)
 def test_one_environment_is_a_row_of_many(name):
     case = compiled(name, "c")
     first, actions = case.start(), case.actions()

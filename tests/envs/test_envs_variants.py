@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import envs
-from tests.envs.compiled import COPIES, compiled
+from tests.envs.compiled import COPIES, NAMES, compiled
 
 
 def assert_close(one, two):
@@ -15,23 +15,27 @@ def assert_close(one, two):
 
 
 def test_names():
-    assert envs.names() == [
+    assert envs.names()[:7] == [
         *("InvertedPendulum", "Hopper", "HalfCheetah"),
         *("SkewedPendulum", "BrokenHopper", "BrokenCheetah", "HeavyCheetah"),
     ]
-    assert [envs.source_of(name) for name in envs.names()[3:]] == [
+    assert [envs.source_of(name) for name in envs.names()[3:7]] == [
         *("InvertedPendulum", "Hopper", "HalfCheetah", "HalfCheetah")
     ]
     assert envs.source_of("Hopper") == "Hopper"
 
 
-@pytest.mark.parametrize("name", envs.names()[3:])
+@pytest.mark.parametrize("name", NAMES[3:])
 def test_a_target_differs_from_its_source(name):
+    """Not always in its first steps: a slope has to be reached, a contact made."""
     target, source = compiled(name), compiled(envs.source_of(name))
-    first, actions = source.start(), source.actions()
-    np.testing.assert_array_equal(target.start().obs, first.obs)
-    after = target.step(target.start(), actions)
-    assert np.all(np.abs(after.obs - source.step(first, actions).obs).max(axis=1) > 1e-4)
+    moved, reference = target.start(), source.start()
+    np.testing.assert_array_equal(moved.obs, reference.obs)
+    for k in range(12):
+        moved, reference = (
+            case.step(state, source.actions(k)) for case, state in ((target, moved), (source, reference))
+        )
+    assert np.all(np.abs(moved.obs - reference.obs).max(axis=1) > 1e-4)
 
 
 def test_skewed_pendulum():

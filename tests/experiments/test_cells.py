@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from experiments import methods, sweep
-from experiments.methods import Cell, Outcome
+from experiments.methods import Cell, Outcome, training
 from experiments.presets import PRESETS
 from mpge_jax.rollouts import policies
 from tests import small
@@ -23,7 +23,7 @@ def test_agents_are_evaluated_in_the_target(monkeypatch, tmp_path):
         found.append((env.name, agents.size))
         return {"return_stochastic": np.array([[1.0, 3.0], [5.0, 5.0]])}
 
-    monkeypatch.setattr(methods, "_evaluate", evaluate)
+    monkeypatch.setattr(training, "evaluate", evaluate)
     outcome = methods.run(Cell("SkewedPendulum", "direct", 0, (0, 1), TINY, "c", "mujoco"), tmp_path)
     assert found == [("SkewedPendulum", 2)]
     assert [row["return_stochastic"] for row in outcome.rows] == [2.0, 5.0]

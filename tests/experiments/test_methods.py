@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from experiments import methods
-from experiments.methods import METHODS, Cell
+from experiments.methods import METHODS, Cell, baselines, grounded, recording, training
 from mpge_jax.grounding import ensemble
 from mpge_jax.grounding.early_stop import EarlyStop
 from mpge_jax.rollouts import policies, target_log
 from mpge_jax.rollouts.target_log import TargetLog
 from tests import small
-from tests.experiments.tiny import TINY
+from tests.experiments.tiny import TINY, assert_moves_like, work
 
 SEEDS = (0, 1, 2)
 SAMPLES = 12
-GROUNDING = [name for name, method in METHODS.items() if method.uses_samples]
+GROUNDING = [name for name, method in METHODS.items() if method.work is grounded.grounded]
 
 
 def cell(method: str) -> Cell:
@@ -60,20 +60,19 @@ def handed(monkeypatch, tmp_path):
         made = jax.tree.map(lambda x: x.reshape(*keys.shape, *x.shape[1:]), transformers(keys))
         return made, jnp.zeros(keys.shape[0])
 
-    def train(cell, method, source, target, sets, transformers, folder, quiet):
-        given["train"] = {"source": source, "target": target, "sets": sets, "transformers": transformers}
-        return small.stacked(
-            *(jax.tree.map(lambda x, i=i: x[i], sets).learner(0, small.SAC) for i in range(3))
-        )
+    def train(work, env_of, transformers):
+        given["train"] = {"env_of": env_of, "sets": work.sets, "transformers": transformers}
+        return training.first_learners(work)
 
     monkeypatch.setattr(target_log, "collect", record)
     monkeypatch.setattr(ensemble, "ground_ensemble", ground)
     monkeypatch.setattr(ensemble, "invert_ensemble", invert)
-    monkeypatch.setattr(methods, "_train", train)
+    monkeypatch.setattr(grounded, "train", train)
+    monkeypatch.setattr(baselines, "train", lambda work, env_of: training.first_learners(work))
     monkeypatch.setattr(
-        methods, "_evaluate", lambda cell, target, agents: {"return_stochastic": np.zeros((3, 2))}
+        training, "evaluate", lambda cell, target, agents: {"return_stochastic": np.zeros((3, 2))}
     )
-    monkeypatch.setattr(methods, "_errors", lambda cell, source, target, made: [{} for _ in SEEDS])
+    monkeypatch.setattr(grounded, "errors", lambda work, made: [{} for _ in SEEDS])
 
     def run(method: str):
         given.clear()
@@ -159,42 +158,31 @@ def test_an_er_set_of_another_coefficient_is_refused(monkeypatch):
     )
     other = dataclasses.replace(TINY, entropy_coefficient=0.01)
     with pytest.raises(ValueError, match=r"made with an entropy coefficient of 0.1, preset tiny wants 0.01"):
-        methods._policy_set("InvertedPendulum", "ER", other)
-    assert methods._policy_set("InvertedPendulum", "MS", other).size == 3
+        recording.policy_set("InvertedPendulum", "ER", other)
+    assert recording.policy_set("InvertedPendulum", "MS", other).size == 3
 
 
-def test_agents_train_behind_the_transformers_and_in_the_target_only_where_asked(monkeypatch, tmp_path):
-    """What the first, random steps of an agent lead to shows where it acts."""
-    source, target = small.env("InvertedPendulum"), small.env("SkewedPendulum")
-    sets = jax.tree.map(lambda x: x[None, :2], small.policy_set())
-    begun = {}
-
-    def stop_at_once(update, state, iterations, **options):
-        begun["state"] = state
-        return state, {}
-
-    monkeypatch.setattr(methods.loop, "run", stop_at_once)
-    pushed = jax.tree.map(lambda x: x[None, None], small.constant(source, -1.0))
-    one = Cell("SkewedPendulum", "SPG", SAMPLES, (0,), TINY, "c", "mujoco")
-    for name, transformers, change in (("SPG", pushed, -1.0), ("target", None, 1.5)):
-        methods._train(one, METHODS[name], source, target, sets, transformers, tmp_path, True)
-        rows = np.asarray(begun["state"].buffer.rows)[0, :8]
-        observation, action, following = rows[:, :4], rows[:, 4:5], rows[:, 6:10]
-        executed = np.clip(action + change, -3.0, 3.0)
-        reached = small.step_from("InvertedPendulum", observation, executed)
-        np.testing.assert_allclose(following, reached, atol=2e-5)
-        bare = small.step_from("InvertedPendulum", observation, action)
-        assert np.abs(following - bare).max(axis=1).min() > 0.02
+def test_agents_train_behind_the_transformers_and_in_the_target_only_where_asked(
+    monkeypatch, tmp_path, begun
+):
+    pushed = jax.tree.map(lambda x: x[None, None], small.constant(small.env("InvertedPendulum"), -1.0))
+    monkeypatch.setattr(grounded, "ground", lambda work: (pushed, {}, [0]))
+    monkeypatch.setattr(grounded, "errors", lambda work, made: [{}])
+    log = small.stacked(small.log(size=2))
+    for name, change in (("SPG", -1.0), ("target", 1.5)):
+        given = work(name, tmp_path, logs=log)
+        METHODS[name].work(given)
+        assert_moves_like(begun[-1], change)
         # It starts from the experiment's own policy, the first of the set.
         np.testing.assert_array_equal(
-            begun["state"].learner.actor.params["params"]["Dense_1"]["bias"][0],
-            sets.actor.params["params"]["Dense_1"]["bias"][0, 0],
+            begun[-1].learner.actor.params["params"]["Dense_1"]["bias"][0],
+            given.sets.actor.params["params"]["Dense_1"]["bias"][0, 0],
         )
 
 
 def test_direct_does_not_train(tmp_path):
-    source, target = small.env("InvertedPendulum"), small.env("SkewedPendulum")
-    sets = jax.tree.map(lambda x: x[None, :2], small.policy_set())
-    one = Cell("SkewedPendulum", "direct", 0, (0,), TINY, "c", "mujoco")
-    learners = methods._train(one, METHODS["direct"], source, target, sets, None, tmp_path, True)
-    jax.tree.map(np.testing.assert_array_equal, learners.actor, jax.tree.map(lambda x: x[:, 0], sets.actor))
+    given = work("direct", tmp_path)
+    learners = METHODS["direct"].work(given).learners
+    jax.tree.map(
+        np.testing.assert_array_equal, learners.actor, jax.tree.map(lambda x: x[:, 0], given.sets.actor)
+    )

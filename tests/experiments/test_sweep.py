@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from experiments import methods, sweep
-from experiments.methods import METHODS, Outcome
+from experiments.methods import METHODS, Outcome, recording, training
 from experiments.presets import PRESETS
 from mpge_jax import files
 from mpge_jax.rollouts import policies, target_log
@@ -266,21 +266,24 @@ def assert_complete(folder, expected):
     for row in rows:
         # 8 random steps; 6 updates are 3 iterations of 2 environments and 4 steps.
         assert row["target_steps"] == (32 if row["method"] == "target" else row["samples"])
-        assert all(np.isfinite(v) for name, v in row.items() if name not in ("task", "method"))
+        assert all(np.isfinite(v) for v in row.values() if not isinstance(v, str))
         assert 1 <= row["return_stochastic"] <= 1000
-        assert ("transform_error" in row) == (row["samples"] > 0)
+        grounding = METHODS[row["method"]].grounding
+        assert ("transform_error" in row) == (grounding is not None and row.get("simulator") != "corrected")
+        assert ("verdict" in row) == row["method"].startswith("diagnosed")
     for method, samples in expected:
         cell = folder / "cells" / f"{method}-{samples}"
         # Checkpoints are gone, what was learned is kept.
-        assert not (cell / "grounding").exists() and not (cell / "agent").exists()
+        assert not any(path.is_dir() for path in cell.iterdir())
         assert policies.load(cell / "agents.npz")[0].size == 2
-        if samples:
+        if METHODS[method].samples == "log":
             logs = [target_log.load(cell / f"target_log_{seed}.npz") for seed in (0, 1)]
             assert [log.steps for log in logs] == [samples, samples]
             for log in logs:
                 before, action, after = log.rows().values()
                 moved = small.step_from("SkewedPendulum", before, action)
                 np.testing.assert_allclose(after, moved, atol=2e-5, err_msg="not recorded in the target")
+        if METHODS[method].grounding is not None:
             with np.load(cell / "transformers.npz", allow_pickle=False) as file:
                 members = 2 if METHODS[method].ensemble else 1
                 assert file["input_mean"].shape == (2, members, 5)
@@ -300,10 +303,16 @@ def test_a_whole_sweep_on_a_tiny_preset(monkeypatch, tmp_path, tiny):
 
 @pytest.mark.slow
 def test_every_method_on_a_tiny_preset(monkeypatch, tmp_path, tiny):
-    command = ("--preset", "tiny", "--samples", 11, "--backend", "c", "--quiet", "--out", tmp_path)
-    assert run(monkeypatch, *command) == 0
-    used = {(name, 11 if method.uses_samples else 0) for name, method in METHODS.items()}
+    common = ("--preset", "tiny", "--backend", "c", "--quiet", "--out", tmp_path)
+    # A diagnosis asks for more than a dozen rows.
+    rows = {name: 200 if name.startswith("diagnosed") else 11 for name in METHODS}
+    for samples in (11, 200):
+        chosen = [name for name, count in rows.items() if count == samples]
+        assert run(monkeypatch, *common, "--samples", samples, "--method", *chosen) == 0
+    used = {(name, rows[name] if method.uses_samples else 0) for name, method in METHODS.items()}
     assert_complete(tmp_path, used)
+    table = (tmp_path / "results.md").read_text()
+    assert "| diagnosed | 200 | 1 | effects | actuator_bias at slide | corrected |" in table
     spg, several = (
         target_log.load(tmp_path / "cells" / f"{m}-11" / "target_log_1.npz") for m in ("SPG", "MPG-MS")
     )
@@ -314,9 +323,9 @@ def test_a_resumed_cell_takes_no_further_target_steps(monkeypatch, tmp_path, tin
     cell = methods.Cell("SkewedPendulum", "GAT", 11, (0, 1), TINY, "c", "mujoco")
     sets = jax.tree.map(lambda x: jnp.stack([x[:2], x[1:]]), small.policy_set())
     target = small.env("SkewedPendulum")
-    logs = methods._record(cell, METHODS["GAT"], target, sets, tmp_path)
+    logs = recording.record(cell, METHODS["GAT"], target, sets, tmp_path)
     monkeypatch.setattr(target_log, "collect", None)
-    again = methods._record(cell, METHODS["GAT"], target, sets, tmp_path)
+    again = recording.record(cell, METHODS["GAT"], target, sets, tmp_path)
     jax.tree.map(np.testing.assert_array_equal, again, logs)
 
 
@@ -324,9 +333,9 @@ def tiny_main():
     """What the process of the test below runs: checkpoints after every iteration."""
     PRESETS["tiny"] = TINY
     policies.shipped = shipped
-    original = methods.loop.run
+    original = training.loop.run
     often = {"seconds_between_checkpoints": 0.0}
-    methods.loop.run = lambda *args, **options: original(*args, **{**options, **often})
+    training.loop.run = lambda *args, **options: original(*args, **{**options, **often})
     sys.exit(sweep.main())
 
 

@@ -1,5 +1,10 @@
-"""A preset of a few steps, for whole cells in tests."""
+"""A preset of a few steps, for whole cells in tests, and what a method is given in them."""
 
+import jax
+import numpy as np
+
+from experiments.methods import METHODS, Cell
+from experiments.methods.cell import Work
 from experiments.presets import PlusSettings, Preset, TaskSettings, VineSettings
 from mpge_jax.grounding.config import GroundingConfig
 from mpge_jax.grounding.discriminator import DiscriminatorConfig
@@ -44,3 +49,27 @@ TINY = Preset(
     members=2,
     episodes=2,
 )
+
+
+def work(method: str, folder, seeds=(0,), samples=12, **more) -> Work:
+    """What a method is given on SkewedPendulum, from small untrained policies."""
+    several = [jax.tree.map(lambda x: x[:2], small.policy_set()) for _ in seeds]
+    return Work(
+        cell=Cell("SkewedPendulum", method, samples, seeds, TINY, "c", "mujoco"),
+        method=METHODS[method],
+        source=small.env("InvertedPendulum"),
+        target=small.env("SkewedPendulum"),
+        sets=small.stacked(*several),
+        folder=folder,
+        quiet=True,
+        **{"logs": None, **more},
+    )
+
+
+def assert_moves_like(state, change: float) -> None:
+    """The first steps in the buffer are those of the simulator under actions that are `change` higher, clipped."""
+    rows = np.asarray(state.buffer.rows)[0, :8]
+    observation, action, following = rows[:, :4], rows[:, 4:5], rows[:, 6:10]
+    executed = np.clip(action + change, -3.0, 3.0)
+    reached = small.step_from("InvertedPendulum", observation, executed)
+    np.testing.assert_allclose(following, reached, atol=2e-5)

@@ -91,11 +91,15 @@ class CorrectedModel:
         """The machine in MuJoCo's C engine."""
         return CStepper(self.machine)
 
-    def jax_engine(self) -> Any:
-        """The machine in JAX (MJX): pure `init(qpos, qvel)` and `step(data, ctrl, count)`; jit and vmap."""
+    def jax_engine(self, backend: str = "mjx") -> Any:
+        """The machine in JAX: pure `init(qpos, qvel)` and `step(data, ctrl, count)`; jit and vmap.
+
+        Args:
+            backend: what computes the physics: `mjx` (MuJoCo in JAX), `c` (its C engine), or `auto` (`c` on a CPU).
+        """
         from mpge_jax.diagnosis.corrected.jax_engine import CorrectedEngine
 
-        return CorrectedEngine(self.machine)
+        return CorrectedEngine(self.machine, backend)
 
 
 def _read_table(path: Path) -> dict[str, Any]:

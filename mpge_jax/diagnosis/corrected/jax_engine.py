@@ -1,8 +1,7 @@
-"""A corrected machine in JAX: MJX with the effects' own equations, behind the engine protocol of environments."""
+"""A corrected machine in JAX: MuJoCo with the effects' own equations, behind the engine protocol of environments."""
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import flax.struct
@@ -10,8 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from envs._mjx import mjx, without_lapack
-from envs.mjx_engine import check_computed
+from mpge_jax.diagnosis.corrected.physics import physics_of
 from mpge_jax.diagnosis.simulation import single_step
 from mpge_jax.diagnosis.simulation.single_step import Machine
 
@@ -21,7 +19,7 @@ class CorrectedData:
     """Physics state with the effects' memories.
 
     Attributes:
-        inner: MJX data of the true state. qpos [nq], qvel [nv]: as measured. time: s.
+        inner: the engine's data of the true state. qpos [nq], qvel [nv]: as measured. time: s.
         commands, forces: memories of the effects. past: [H, nq + nv] positions and velocities of the last steps, newest
             first.
         started: whether the command memories hold real commands yet.
@@ -40,28 +38,24 @@ class CorrectedData:
 class CorrectedEngine:
     """`init` and `step` of a machine with effects; both are pure, for one machine; batch with `jax.vmap`.
 
+    Args:
+        machine: what is moved. backend: `c`, `mjx`, or `auto` (see `physics.physics_of`).
+
     Raises:
         ValueError: the model uses something that MJX leaves out.
     """
 
-    def __init__(self, machine: Machine) -> None:
-        check_computed(machine.model)
-        model = copy.copy(machine.model)
-        for dof in machine.dry_dofs():
-            # MJX decides once which joints have dry friction; a trace of it keeps the row
-            model.dof_frictionloss[dof] = max(float(model.dof_frictionloss[dof]), 1e-9)
+    def __init__(self, machine: Machine, backend: str = "mjx") -> None:
         self.machine = machine
-        self.model = model
-        self.mjx_model = mjx.put_model(model)
-        self._dt = float(model.opt.timestep)
+        self.model = machine.model
+        self.physics = physics_of(machine, backend)
+        self._dt = float(self.model.opt.timestep)
         delays = [delay for _, delay in machine.senses().values()]
         self._history = int(np.ceil(max(delays, default=0.0) / self._dt)) + 2
 
     def init(self, qpos: jax.Array, qvel: jax.Array) -> CorrectedData:
         """State at rest of all memories."""
-        data = mjx.make_data(self.model).replace(qpos=jnp.asarray(qpos), qvel=jnp.asarray(qvel))
-        with jax.numpy_rank_promotion("allow"), without_lapack():
-            data = mjx.forward(self.mjx_model, data)
+        data = self.physics.start(jnp.asarray(qpos), jnp.asarray(qvel))
         zero = jnp.zeros(self.model.nu, data.qpos.dtype)
         commands = single_step.command_start(jnp, self.machine, zero, self._dt)
         forces = single_step.force_start(jnp, self.machine, self._observe(data, zero))
@@ -86,28 +80,18 @@ class CorrectedEngine:
         reached, commands = single_step.command_step(jnp, self.machine, ctrl, commands, self._dt)
         s = self._observe(data, reached)
         applied, forces = single_step.force_step(jnp, self.machine, s, forces)
-        model = self.mjx_model
-        if self.machine.dry_dofs():
-            model = model.replace(dof_frictionloss=applied.dry.astype(model.dof_frictionloss.dtype))
-        kind = data.qpos.dtype
-        data = data.replace(
-            ctrl=applied.ctrl.astype(kind), qfrc_applied=applied.qfrc.astype(kind),
-            xfrc_applied=applied.xfrc.astype(kind),
-        )  # fmt: skip
-        with jax.numpy_rank_promotion("allow"), without_lapack():  # MJX relies on the first
-            data = mjx.step(model, data)
+        data = self.physics.step(data, applied)
         past = jnp.concatenate([jnp.concatenate([data.qpos, data.qvel])[None], past[:-1]])
         return data, commands, forces, past
 
     def _observe(self, data: Any, ctrl: jax.Array) -> Any:
+        read = self.physics.read
+
         def body_velocity(body: int) -> jax.Array:
             root = int(self.model.body_rootid[body])
-            arm = data.xipos[body] - data.subtree_com[root]
-            return data.cvel[body, 3:] + jnp.cross(data.cvel[body, :3], arm)
-
-        def inertia(dof: int) -> jax.Array:
-            unit = jnp.zeros(self.model.nv, data.qpos.dtype).at[dof].set(1.0)
-            return 1.0 / jnp.linalg.solve(mjx.full_m(self.mjx_model, data), unit)[dof]
+            arm = read(data, "xipos")[body] - read(data, "subtree_com")[root]
+            speed = read(data, "cvel")[body]
+            return speed[3:] + jnp.cross(speed[:3], arm)
 
         return single_step.observe(
             jnp,
@@ -116,10 +100,10 @@ class CorrectedEngine:
             data.qvel,
             ctrl,
             body_velocity,
-            data.actuator_force,
+            read(data, "actuator_force"),
             self._dt,
-            data.qfrc_bias,
-            inertia,
+            read(data, "qfrc_bias"),
+            lambda dof: self.physics.inertia(data, dof),
         )
 
     def _wrap(

@@ -43,20 +43,28 @@ def nominal_spec(task: Task | str) -> mujoco.MjSpec:
     return spec
 
 
-def task_env(corrected: CorrectedModel, task: Task | str) -> envs.Env:
-    """A task in a corrected machine: on MuJoCo's C engine where its elements express every effect, else in JAX."""
+def task_env(corrected: CorrectedModel, task: Task | str, backend: str = "auto") -> envs.Env:
+    """A task in a corrected machine: on the plain engine where MuJoCo's elements express every effect, else with the
+    effects' equations around it.
+
+    Args:
+        corrected: the machine. task: what is asked of it. backend: `c`, `mjx`, or `auto` (`c` on a CPU, else `mjx`).
+
+    Raises:
+        ValueError: a backend that cannot simulate it.
+    """
     machine = corrected.machine
     native = not any(t.effect.runtime or t.effect.commands or t.effect.senses for t in machine.terms)
-    engine = CEngine(machine.model) if native else corrected.jax_engine()
+    engine = envs.engine_of(machine.model, backend) if native else corrected.jax_engine(backend)
     return envs.Env(task_of(task), machine.model, engine)
 
 
 def corrected_env(
-    spec: mujoco.MjSpec, effects: list[dict[str, Any]], task: Task | str | None
+    spec: mujoco.MjSpec, effects: list[dict[str, Any]], task: Task | str | None, backend: str = "auto"
 ) -> CorrectedModel | envs.Env:
-    """The machine of a nominal description with the entries of `effects.json`, or a task in it."""
+    """The machine of a nominal description with the entries of `effects.json`, or a task in it (see `task_env`)."""
     corrected = CorrectedModel.build(spec, effects)
-    return corrected if task is None else task_env(corrected, task)
+    return corrected if task is None else task_env(corrected, task, backend)
 
 
 def recordings_of(log: TargetLog, task: Task | str) -> list[Recording]:

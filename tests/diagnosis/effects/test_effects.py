@@ -164,7 +164,7 @@ def test_native_effects_agree_in_c_and_mjx(effect_id):
     """The model alone carries these effects, so one compiled step serves them all."""
     m, contact = machine(effect_id), effect_id in CONTACT
     data = CorrectedEngine(m).init(*_start(m, contact)).inner
-    _compare_with_c(m, contact, lambda d, u: _plain_step(CorrectedEngine(m).mjx_model, d, u), data)
+    _compare_with_c(m, contact, lambda d, u: _plain_step(CorrectedEngine(m).physics.mjx_model, d, u), data)
 
 
 QUICK = ("stribeck_friction", "joint_flexibility", "actuator_delay", "sensor_delay")
@@ -175,8 +175,17 @@ QUICK = ("stribeck_friction", "joint_flexibility", "actuator_delay", "sensor_del
     [i if i in QUICK else pytest.param(i, marks=pytest.mark.slow) for i in EVERY if _in_steps(i)],
 )
 def test_effects_computed_each_step_agree_in_c_and_jax(effect_id):
+    _agrees(effect_id, "mjx")
+
+
+@pytest.mark.parametrize("effect_id", [i for i in EVERY if _in_steps(i)])
+def test_effects_computed_each_step_agree_on_the_c_engine_of_environments(effect_id):
+    _agrees(effect_id, "c")
+
+
+def _agrees(effect_id: str, backend: str) -> None:
     m = machine(effect_id)
-    engine = CorrectedEngine(m)
+    engine = CorrectedEngine(m, backend)
     step = jax.jit(engine.step, static_argnums=2)
     _compare_with_c(m, False, lambda d, u: step(d, u, 2), engine.init(*_start(m, False)))
 

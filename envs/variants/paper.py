@@ -17,7 +17,7 @@ def break_first(action: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array
     return action.at[0].set(0.0)
 
 
-VARIANTS = (
+PAPER = (
     Variant(
         "SkewedPendulum", "InvertedPendulum", "+1.5 on the cart's command, then clipped to +-3", action=skew
     ),
