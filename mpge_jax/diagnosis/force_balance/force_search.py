@@ -90,9 +90,8 @@ class ForceSearch:
     def run(self, chosen: Chosen = ()) -> Found:
         """The chosen hypothesis, with rivals of each of its terms; the search goes on from what is `chosen`."""
         best = self._grown(self._pruned(self._judge(chosen, self._weights(chosen))))
+        rivals = self._all_rivals(best)
         for _ in range(EXCHANGES):
-            weighted = self._weights(best.chosen)
-            rivals = {e.term: self._rivals(best, e, weighted) for e in best.chosen}
             better = [r for each in rivals.values() for r in each if self._wins(r, best)]
             if not better:
                 break
@@ -100,7 +99,8 @@ class ForceSearch:
             if self.ratio(exchanged, best) <= 0.0:
                 break
             best = self._grown(exchanged)
-        return Found(best, {t: r for t, r in rivals.items() if any(e.term == t for e in best.chosen)})
+            rivals = self._all_rivals(best)
+        return Found(best, rivals)
 
     def _grown(self, best: Judged) -> Judged:
         while len(best.chosen) < self.most:
@@ -212,6 +212,10 @@ class ForceSearch:
                 break
             best = max(needless, key=lambda j: self.ratio(j, best))
         return best
+
+    def _all_rivals(self, best: Judged) -> dict[Term, list[Judged]]:
+        weighted = self._weights(best.chosen)
+        return {e.term: self._rivals(best, e, weighted) for e in best.chosen}
 
     def _rivals(self, best: Judged, own: Entry, weighted: Weighted) -> list[Judged]:
         """What could stand in the place of one effect, best first."""

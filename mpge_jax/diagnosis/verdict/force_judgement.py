@@ -13,9 +13,10 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
-from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors, force_errors
+from mpge_jax.diagnosis.force_balance.force_errors import ROWS, ForceErrors, force_errors, rms
 from mpge_jax.diagnosis.force_balance.force_search import SURE, ForceSearch, Judged
 from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, fitted
+from mpge_jax.diagnosis.force_balance.tracks import tracks
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.verdict.remainder_description import in_words
 from mpge_jax.diagnosis.verdict.result import Result
@@ -66,13 +67,15 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
 def _confirmed(p: Prepared, found: ForceDecision) -> tuple[Fitted, ForceErrors, list[Term]]:
     """The fit without the effects by which unseen forces are not predicted better, with its errors there; and those
     effects. One is taken away at a time, as others may stand in for it."""
-    fit, needless = found.fit, list[Term]()
+    resolution = found.balance.resolution
+    b = Balance.of(p.ctx, tracks(p, p.held_sources, ROWS, resolution), resolution)
+    fit = found.fit
+    needless: list[Term] = []
     while True:
-        held = force_errors(p, True, found.balance.resolution, fit)
-        gains = {t: _gain(held, fit, t) for t in fit.hypothesis.terms}
+        gains = {t: _gain(b, fit, t) for t in fit.hypothesis.terms}
         sure = {t: gain / max(error, 1e-300) for t, (gain, error) in gains.items()}
         if not sure or min(sure.values()) > BEYOND:
-            return fit, held, needless
+            return fit, force_errors(p, True, resolution, fit), needless
         worst = min(sure, key=lambda t: sure[t])
         needless.append(worst)
         parts = fit.hypothesis.split(p.ctx, fit.theta)
@@ -84,24 +87,23 @@ def _without(b: Balance, f: Fitted, term: Term) -> Array:
     return b.predicted({t: x for t, x in parts.items() if t != term})
 
 
-def _gain(held: ForceErrors, f: Fitted, term: Term) -> tuple[float, float]:
-    """By how much the squared error of held-out forces falls with one effect, the others kept, in units of what is left
-    of each actuator's; and the standard error of that, from block to block."""
-    b = held.balance
-    wrong = (_without(b, f, term) - b.measured) ** 2 - (held.corrected - b.measured) ** 2
-    rows = np.nansum(wrong / np.maximum(held.each_after, 1e-12 * held.size) ** 2, 1)
-    blocks = np.bincount(b.block, rows)
+def _gain(b: Balance, f: Fitted, term: Term) -> tuple[float, float]:
+    """By how much the squared error of forces falls with one effect, the others kept, in units of what is left of each
+    actuator's; and the standard error of that, from block to block."""
+    without, left = (
+        x - b.measured for x in (_without(b, f, term), b.predicted(f.hypothesis.split(b.ctx, f.theta)))
+    )
+    unit = np.maximum(rms(left), 1e-12 * rms(b.measured))
+    blocks = np.bincount(b.block, np.nansum((without**2 - left**2) / unit**2, 1))
     return float(blocks.mean()), float(
         blocks.std(ddof=1) / np.sqrt(blocks.size)
     ) if blocks.size > 1 else np.inf
 
 
 def _drop(held: ForceErrors, f: Fitted, term: Term) -> float:
-    """Share of the squared error of held-out forces that goes with one effect, the others kept: of the actuator where
-    it is largest."""
-    before = np.nanmean((_without(held.balance, f, term) - held.balance.measured) ** 2, 0)
-    share = 1.0 - held.each_after**2 / np.maximum(before, 1e-300)
-    return float(np.nanmax(share))
+    """Share of the squared error of held-out forces that goes with one effect, the others kept."""
+    wrong = _without(held.balance, f, term) - held.balance.measured
+    return float(1.0 - held.after**2 / max(float(np.nanmean(wrong**2)), 1e-300))
 
 
 def _rivals(found: ForceDecision, fit: Fitted, term: Term) -> list[Rival]:
