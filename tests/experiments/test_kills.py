@@ -15,7 +15,7 @@ import pytest
 
 from tests.diagnosis.machines import PENDULUM, record
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 Start = Callable[[Path], subprocess.Popen[bytes]]
 
 
