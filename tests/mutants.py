@@ -383,21 +383,21 @@ MUTANTS = (
         "experiments/methods/cell.py",
         "lambda x: x[i : i + 1]",
         "lambda x: x[:1]",
-        ("tests/experiments/test_diagnosed.py",),
+        ("tests/experiments/methods/test_diagnosed.py",),
     ),
     Mutant(
         "a fall back to the plain simulator is not told",
         "experiments/methods/diagnosed.py",
         '"simulator": "corrected" if found["effects"] else "plain"',
         '"simulator": "corrected"',
-        ("tests/experiments/test_diagnosed.py",),
+        ("tests/experiments/methods/test_diagnosed.py",),
     ),
     Mutant(
         "finetuning spends its first steps at random",
         "experiments/methods/baselines.py",
         'first="policy"',
         'first="uniform"',
-        ("tests/experiments/test_finetune.py",),
+        ("tests/experiments/methods/test_finetune.py",),
     ),
 )
 

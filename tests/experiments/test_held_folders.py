@@ -10,7 +10,7 @@ import pytest
 
 from mpge_jax import files
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def holder(folder: Path) -> subprocess.Popen[str]:
