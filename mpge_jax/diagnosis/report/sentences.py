@@ -15,6 +15,8 @@ from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, candidates_of
 
+SEVERAL = 3
+"""Places from which on one effect is told for all of them in a sentence."""
 OVERESTIMATED = 1.5
 """How many times what is left the noise's estimate may be for that to pass as noise. Errors of windows scatter; beyond
 that something else, such as a rough command, was taken for noise."""
@@ -32,15 +34,37 @@ def _listed(names: list[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
+def _alike(terms: list[Term], d: Result) -> dict[Term, list[Term]]:
+    """Effects of one parameter that act at several places, each with all of its kind."""
+    kinds: dict[str, list[Term]] = {}
+    for t in terms:
+        if len(t.params(d.ctx)) == 1:
+            kinds.setdefault(t.id, []).append(t)
+    return {t: kind for kind in kinds.values() if len(kind) >= SEVERAL for t in kind}
+
+
+def _said_together(d: Result, terms: list[Term]) -> str:
+    """'Viscous damping that the model lacks: 16 N m s/rad at shoulder and 2.1 N m s/rad at elbow.'"""
+    values = [(quantity(v), t.place.name) for t in terms for v in parameters(d.ctx, d.fit, t).values()]
+    what = terms[0].name.replace("_", " ")
+    return (
+        f"{what[0].upper() + what[1:]} that the model lacks: {_listed([f'{v} at {at}' for v, at in values])}."
+    )
+
+
 def explanation(d: Result) -> str:
     """What a technician needs to know, in a few sentences."""
 
     parts: list[str] = []
     ambiguous = candidates_of(d)
+    alike = _alike([t for t in d.terms if t not in ambiguous], d)
     for term in d.terms:
         if term in ambiguous:
             options = [clause(_said(d, f, _differing(d, f, term))) for f in ambiguous[term]]
             parts.append(f"The recordings cannot tell which: {', or '.join(options)}.")
+        elif term in alike:
+            if term is alike[term][0]:
+                parts.append(_said_together(d, alike[term]))
         else:
             text = _said(d, d.fit, term)
             parts.append(text[0].upper() + text[1:])

@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.estimation.intervals import parameters
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.machine.model import compile_variable
+from mpge_jax.diagnosis.report import sentences
 from mpge_jax.diagnosis.report.figures.motion_figures import _span
 from mpge_jax.diagnosis.report.html_page import _drives
 from mpge_jax.diagnosis.report.html_sections import changes, pasted
@@ -210,3 +211,20 @@ def test_curves_fill_their_panels_and_what_runs_away_leaves_them():
     low, high = _span(measured, (measured + 0.1, 0.99 * measured), 0.0)
     assert high - low < 1.3 and low < 0.0 and high > 1.1
     assert _span(measured, (10.0 * measured,), 0.0)[1] < 2.3
+
+
+def test_an_effect_of_many_joints_is_told_in_one_sentence():
+    links = "".join(
+        f'<body name="b{k}" pos="0 0 -.2"><joint name="j{k}" axis="0 1 0"/><geom size=".05" mass="1"/>'
+        for k in range(3)
+    )
+    xml = f"<mujoco><worldbody>{links}{'</body>' * 3}</worldbody></mujoco>"
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+    damped = [Term("viscous_damping", Place("joint", f"j{k}", k)) for k in range(3)]
+    fit = Fitted(Hypothesis.of(*damped), np.array([1.0, 2.0, 3.0]), np.zeros(3), cov=1e-8 * np.eye(3))
+    d = SimpleNamespace(ctx=ctx, fit=fit, terms=fit.hypothesis.terms)
+    told = sentences._alike(damped, d)
+    assert set(told) == set(damped) and sentences._alike(damped[:2], d) == {}
+    assert sentences._said_together(d, told[damped[0]]) == (
+        "Viscous damping that the model lacks: 1.000 N m s/rad at j0, 2.000 N m s/rad at j1 and 3.000 N m s/rad at j2."
+    )

@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.force_balance import procedure
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import needed
 from mpge_jax.diagnosis.force_balance.resolution import choose
-from mpge_jax.diagnosis.force_balance.tracks import Track, motion_is_given
+from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, motion_is_given, tracks
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.simulation.single_step import Machine
 from mpge_jax.diagnosis.verdict.force_judgement import judge_forces
@@ -131,3 +131,26 @@ def test_an_effect_that_helps_by_chance_alone_is_left_out_and_told(monkeypatch):
     d = judge_forces(p, dataclasses.replace(found, fit=wrong), lambda _: None)
     assert "armature@elbow" not in named(d) and "coulomb_friction@shoulder" in named(d)
     assert any("armature at elbow" in w and "left out" in w for w in d.warnings)
+
+
+def test_a_joint_that_trembles_at_rest_is_not_taken_for_one_that_slides():
+    """Dry friction that builds up over 0.03 rad/s, along a motion that stops and goes, with a tremble at rest."""
+    t, rng, out = np.arange(0.0, 6.0, 0.01), np.random.default_rng(0), []
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+    machine = Machine.build(ctx, (), ())
+    for k, name in enumerate(("run_0", "run_1", "run_2", "heldout_0")):
+        go = np.sin(1.5 * t + k) ** 3 * (np.sin(0.8 * t + k) > 0)
+        v = 1.5 * low_pass(go, t, 2.0) + 2e-3 * np.sin(25 * t)
+        q = np.cumsum(v) * 0.01
+        track = Track(
+            name, t, q[:, None], v[:, None], np.gradient(v, t)[:, None], 0 * v[:, None], 0 * v[:, None]
+        )
+        force = needed(machine, track) + 0.3 * np.tanh(v / 0.03)[:, None]
+        q = q[:, None] + 1e-6 * rng.standard_normal((t.size, 1))
+        out.append(Recording(name, t, q, None, None, force + 1e-3 * rng.standard_normal(force.shape)))
+    p = prepare(mujoco.MjSpec.from_string(PENDULUM), out, Config(jobs=1))
+    plain = [Term(i, REGISTRY[i].places(p.ctx)[0]) for i in ("coulomb_friction", "viscous_damping")]
+    still = choose(p, plain).still
+    assert still >= 0.01
+    rows = tracks(p, p.train_sources, 500, Resolution(still=still))
+    assert (rows[0].unsure >= still * p.ctx.speed).all()
