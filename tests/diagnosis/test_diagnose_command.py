@@ -265,15 +265,12 @@ def test_recordings_shorter_than_a_window_are_told(folder, tmp_path, capsys):
     assert "record more" in capsys.readouterr().err
 
 
-def test_a_robot_that_never_moved_says_what_cannot_be_seen():
-    from mpge_jax.diagnosis import Recording
-
-    t = 0.01 * np.arange(150)
-    still = [Recording(f"r{i}", t, np.zeros((150, 1)), None, np.zeros((150, 1))) for i in range(2)]
-    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), still, Config(jobs=1, effects=tuple(EFFECTS)))
+def test_a_diagnosis_is_printed_as_its_verdict_and_warnings():
+    runs = record(PENDULUM, 0.3, count=2, seconds=1.5)
+    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), runs, Config(jobs=1, effects=tuple(EFFECTS)))
+    d.warnings.append("look out.")
     assert d.verdict == "none"
-    assert any("never moved" in w for w in d.warnings)
-    assert str(d).startswith("none: Nothing is missing") and "\nwarning: " in str(d)
+    assert str(d).startswith("none: Nothing is missing") and str(d).endswith("\nwarning: look out.")
     assert repr(d).startswith(f"Diagnosis('none', effects=[], {len(d.warnings)} warnings, ")
 
 

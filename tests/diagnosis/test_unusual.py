@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import mujoco
@@ -21,6 +22,7 @@ from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest, one_of_e
 from mpge_jax.diagnosis.machine.contact_pairs import allowed_pairs
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.recordings.checks import check_base
+from mpge_jax.diagnosis.recordings.reader import read_recording
 from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force
 from mpge_jax.diagnosis.simulation.windows import _spans
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, record
@@ -161,8 +163,61 @@ def test_a_machine_at_rest_never_moved_whatever_its_noise():
         Recording(f"run_{k}", time, 1e-4 * rng.standard_normal((300, 1)), None, np.zeros((300, 1)))
         for k in range(3)
     ]
-    assert any("never moved" in w for w in prepared_of(PENDULUM, still).warnings)
+    with pytest.raises(InputError, match="the robot never moved in any recording"):
+        prepared_of(PENDULUM, still)
     assert not any("never moved" in w for w in prepared_of(PENDULUM, record(PENDULUM, 0.8)).warnings)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("degrees", 180 / np.pi), ("ticks", 4096 / (2 * np.pi))])
+def test_positions_that_cannot_be_radians_are_refused(unit, scale):
+    runs = [replace(r, qpos=scale * r.qpos) for r in record(PENDULUM, 0.3)]
+    with pytest.raises(InputError, match=r"positions of hinge reach .* cannot be radians.*unit: deg"):
+        prepared_of(PENDULUM, runs)
+
+
+def test_a_wheel_that_turns_far_is_believed():
+    wheel = PENDULUM.replace("<option ", '<option gravity="0 0 0" ').replace(
+        'damping="0.02"', 'damping="0.001"'
+    )
+    time, out = np.arange(400) / 100, []
+    for k in range(3):
+        model = mujoco.MjModel.from_xml_string(wheel)
+        data, rows = mujoco.MjData(model), []
+        for i in range(400):
+            data.ctrl[0] = 0.3 + 0.1 * np.sin(0.05 * i + k)
+            rows.append((data.qpos.copy(), data.ctrl.copy()))
+            for _ in range(5):
+                mujoco.mj_step(model, data)
+        q, u = (np.array(x) for x in zip(*rows, strict=True))
+        out.append(Recording(f"run_{k}", time, q, None, u))
+    assert out[0].qpos.max() > 20.0
+    assert not any("degrees" in w for w in prepared_of(wheel, out).warnings if "cannot" in w)
+
+
+def test_rows_that_hold_the_command_of_the_row_before_are_read_as_they_were_meant():
+    right = record(PENDULUM, 0.3)
+    late = [replace(r, ctrl=np.concatenate([r.ctrl[:1], r.ctrl[:-1]])) for r in right]
+    p = prepared_of(PENDULUM, late)
+    assert p.warnings[0].startswith("each row holds the command of the row before it")
+    shown = p.train_sources[0].recording
+    (same,) = (r for r in right if r.name == shown.name)
+    np.testing.assert_array_equal(shown.ctrl[:-1], same.ctrl[:-1])
+    # a command that acts a row late may be the machine's delay, and stays
+    early = [replace(r, ctrl=np.concatenate([r.ctrl[1:], r.ctrl[-1:]])) for r in right]
+    for runs in (right, early):
+        assert not any("row before it" in w for w in prepared_of(PENDULUM, runs).warnings)
+
+
+def test_commands_for_a_model_without_actuators_are_refused(tmp_path):
+    plain = compile_variable(
+        mujoco.MjSpec.from_string(PENDULUM[: PENDULUM.index("<actuator>")] + "</mujoco>")
+    )
+    time = np.arange(50) / 100
+    np.savez(tmp_path / "run.npz", time=time, qpos=np.sin(time)[:, None], ctrl=np.ones((50, 1)))
+    with pytest.raises(InputError, match=r"run holds commands .*no actuators .*leave that column out"):
+        read_recording(tmp_path / "run.npz", plain, names_of(plain))
+    np.savez(tmp_path / "run.npz", time=time, qpos=np.sin(time)[:, None], ctrl=np.zeros((50, 1)))
+    assert read_recording(tmp_path / "run.npz", plain, names_of(plain)).ctrl is None
 
 
 def test_disabled_forces_are_said():

@@ -25,9 +25,11 @@ from mpge_jax.diagnosis.recordings.checks import (
     check_forces,
     check_model,
     check_motion,
+    check_units,
     told_once,
 )
 from mpge_jax.diagnosis.recordings.clock_stamps import at_their_stamps
+from mpge_jax.diagnosis.recordings.command_lag import without_previous_commands
 from mpge_jax.diagnosis.recordings.held_out_split import split
 from mpge_jax.diagnosis.recordings.noise_level import MIN_ROWS
 from mpge_jax.diagnosis.recordings.recording import Recording, rows_of
@@ -70,7 +72,8 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     spec = load_spec(source)
     plain = compile_variable(spec)
     names = names_of(plain)
-    warnings = told_once(recordings)
+    recordings, notes = without_previous_commands(recordings, plain)
+    warnings = notes + told_once(recordings)
     rng = np.random.default_rng(config.seed)
     train, held, notes = split(recordings, config.held_out, rng)
     warnings += notes
@@ -88,6 +91,8 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     warnings += notes
     sources = tuple(source_of(r, s, plain, measured) for r, s in zip(together, states, strict=True))
     train_sources, held_sources = sources[: len(train)], sources[len(train) :]
+    check_motion(together, model, names, noise, warnings)
+    check_units(together, list(states), model, names, [s.command for s in sources])
     ctx = build_context(model, names, train_sources)
     dt = choose_dt(together, float(plain.opt.timestep))
     sim = Simulator(model, ctx, threads=config.jobs)
@@ -108,7 +113,6 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     if short and not noise.direct:
         noise = estimated
         warnings.append("recordings are too short to estimate noise; they are taken as nearly noise-free.")
-    check_motion(together, model, names, noise, warnings)
     check_model(plain, names, warnings)
     return Prepared(
         spec, sim.model, names, sim.ctx, sim, noise, train_sources, held_sources, dt, measured, warnings, config,

@@ -6,12 +6,16 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.machine.model import Names, floating_base_joints, qpos_columns
+from mpge_jax.diagnosis.machine.model import Names, actuators_of_joint, floating_base_joints, qpos_columns
 from mpge_jax.diagnosis.recordings.recording import Recording
-from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.recordings.states import Noise, States
 
 RESTING = 10.0
 """Deviations of the noise within which a joint that does not move stays."""
+TURNS, BEYOND = 4 * np.pi, 10.0
+"""Angle (rad) from which on the unit of positions is doubted, and how many times what drives it a joint would have to
+need for the unit to be wrong (57 times in degrees)."""
+POSES_OF_GRAVITY = 50
 LISTED = 3
 """Recordings that a warning names, at most."""
 POSES, MOVED, MATTERS = 5, (-1.0, -0.3, -0.1, 0.1, 0.3), 0.02
@@ -134,17 +138,71 @@ def unmeasured_dofs(model: mujoco.MjModel, joint: int, missing: np.ndarray) -> l
     return [dof] if columns.size else []
 
 
+def check_units(
+    recordings: list[Recording],
+    states: list[States],
+    model: mujoco.MjModel,
+    names: Names,
+    forces: list[np.ndarray],
+) -> None:
+    """Raises InputError where positions of a hinge cannot be radians: it turns far, and its inertia alone would need
+    far more torque than its drives and gravity give.
+
+    Args:
+        forces: [T, nu] of actuators that pass on their command or a measured force.
+    """
+    for j in range(model.njnt):
+        if model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE:
+            continue
+        q, dof = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+        far = max(float(np.nanmax(np.abs(r.qpos[:, q]), initial=0.0)) for r in recordings)
+        own = actuators_of_joint(model, j)
+        if (
+            far <= TURNS
+            or not own
+            or any(model.actuator_biastype[a] != mujoco.mjtBias.mjBIAS_NONE for a in own)
+        ):
+            continue
+        gains = model.actuator_gear[own, 0] * model.actuator_gainprm[own, 0]
+        driven = _rms([f[:, own] @ gains for f in forces])
+        needed = float(model.dof_M0[dof]) * _rms([x.qacc[:, dof] for x in states])
+        given = driven + _rms([_weight(model, x)[:, dof] for x in states])
+        if needed > BEYOND * given:
+            raise InputError(
+                f"positions of {names.joints[j]} reach {far:.4g}, and cannot be radians: to turn like that it would "
+                f"need {needed:.2g} N m, where drive and gravity give {given:.2g}. Give radians, or a map with "
+                f"'qpos:{names.joints[j]}: {{from: ..., unit: deg}}' (ticks: scale: 2 pi over the ticks of a turn)."
+            )
+
+
+def _rms(parts: list[np.ndarray]) -> float:
+    return float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2)))
+
+
+def _weight(model: mujoco.MjModel, states: States) -> np.ndarray:
+    """Generalised forces [R, nv] of gravity at some rows."""
+    data, out = mujoco.MjData(model), []
+    for q in states.qpos[:: max(1, len(states.qpos) // POSES_OF_GRAVITY)]:
+        data.qpos[:], data.qvel[:] = q, 0.0
+        mujoco.mj_forward(model, data)
+        out.append(data.qfrc_bias.copy())
+    return np.array(out)
+
+
 def check_motion(
     recordings: list[Recording], model: mujoco.MjModel, names: Names, noise: Noise, warnings: list[str]
 ) -> None:
-    """Warn of machines that never moved, and of joints that were never measured."""
+    """Warn of joints that were never measured.
+
+    Raises:
+        InputError: the machine never moved.
+    """
     span = np.zeros(model.nq)
     for r in recordings:
         span = np.maximum(span, np.nan_to_num(np.ptp(r.qpos, axis=0)))
     if np.all(span <= RESTING * noise.qpos):
-        warnings.append(
-            "the robot never moved: friction, damping, inertia, drag, delay and lag cannot be seen; only constant "
-            "forces against the held pose can."
+        raise InputError(
+            "the robot never moved in any recording: nothing of its dynamics can be seen; record every joint in motion."
         )
     missing = [np.isnan(r.qpos).all(0) for r in recordings]
     unmeasured, sometimes = np.all(missing, axis=0), np.any(missing, axis=0)

@@ -3,12 +3,13 @@ have in common is clock or delay, which no log can tell apart; what one has besi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
+from mpge_jax.diagnosis.recordings.recording import Recording
 
 Array = np.ndarray
 LONGEST = 0.25
@@ -55,6 +56,24 @@ class Lag:
         if not self.matters:
             return f"{what}."
         return f"{what}. What all have in common is clock or delay: it was taken off, and is no actuator's effect."
+
+
+def without_previous_commands(
+    recordings: list[Recording], model: mujoco.MjModel
+) -> tuple[list[Recording], list[str]]:
+    """The same with every command on the row at which it was given, where each row holds that of the row before: the
+    motion then follows commands before they were sent, which no delay and no clock of a machine explains. And what was
+    done, for the user."""
+    lags = [None if r.ctrl is None else common_lag(r.time, r.qpos, r.qvel, r.ctrl, model) for r in recordings]
+    told = [x.common / x.step for x in lags if x is not None]
+    if 2 * len(told) <= len(recordings) or not all(-1.5 < rows < -0.5 for rows in told):
+        return recordings, []
+    moved = [
+        r if r.ctrl is None else replace(r, ctrl=np.concatenate([r.ctrl[1:], r.ctrl[-1:]]))
+        for r in recordings
+    ]
+    text = "each row holds the command of the row before it (the motion is ahead of it by a row): it was read so."
+    return moved, [text]
 
 
 def common_lag(

@@ -174,9 +174,13 @@ def _recording(
     force = arrays.get("force")
     if force is not None and np.isnan(force).all():
         arrays.pop("force")
-    if model.nu == 0:
-        arrays.pop("ctrl", None)
-        arrays.pop("force", None)
+    for key in ("ctrl", "force") if model.nu == 0 else ():
+        if np.nan_to_num(arrays.pop(key, np.zeros(0))).any():
+            what = "commands ('ctrl')" if key == "ctrl" else "forces of actuators"
+            raise InputError(
+                f"{name} holds {what}, but the model has no actuators (a URDF never has): add them in an MJCF, as "
+                '<actuator><motor joint="..."/></actuator> for commanded torques, or leave that column out.'
+            )
     recording = Recording(
         name,
         arrays["time"],
