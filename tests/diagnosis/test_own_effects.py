@@ -42,7 +42,7 @@ def registry(monkeypatch):
         (MAGNET + "\n\n1 / 0\n", "cannot be used: ZeroDivisionError in line"),
         (
             "from mpge_jax.diagnosis import register\nfrom mpge_jax.diagnosis.effects.native import *\n"
-            "from mpge_jax.diagnosis.effects.friction import CoulombFriction as Known\n"
+            "from mpge_jax.diagnosis.effects.friction.dry import CoulombFriction as Known\n"
             "class CoulombFriction(Known):\n    pass\n\n\nregister(CoulombFriction)\n",
             "registers 'coulomb_friction', which exists already; give the effect another id.",
         ),
