@@ -13,16 +13,16 @@ from mpge_jax.diagnosis.force_balance.bank import Bank, Entry, hypothesis_of
 from mpge_jax.diagnosis.force_balance.gram import Weighted
 
 Array = np.ndarray
-LEAST = 0.1
+LEAST = 0.2
 """Share of the squared error that must go with an effect at the actuator where it takes away most."""
 SURE = 3.0
 """Logarithm of the likelihood ratio (20 to 1) from which on one of two hypotheses is the better one."""
 CLEAR = 2.0
 """Standard deviations from which on what other joints have too is seen at this one."""
+ELSEWHERE, SEEN = 2, 3.0
+"""Other places at which an effect was found, and standard deviations, from which on it is taken up at this one too."""
 DISTINCT = 1e-3
 """Share of a direction's squared force that no other gives, from which on it is one of its own."""
-EXCHANGES = 3
-"""Most effects that are exchanged for a rival."""
 SHOWN = 12
 """Candidates that are judged by stretches that they were not fitted to: those that fit best."""
 GROUPS = (
@@ -68,7 +68,7 @@ class Found:
 
 @dataclass
 class ForceSearch:
-    """Forward selection with exchanges, each followed by dropping what is not needed.
+    """Forward selection, each step followed by dropping what is not needed.
 
     One statistic decides: the logarithm of the likelihood ratio of two hypotheses on stretches that they were not
     fitted to, each actuator with its own variance, and with as many independent errors as its neighbouring rows leave.
@@ -90,17 +90,8 @@ class ForceSearch:
     def run(self, chosen: Chosen = ()) -> Found:
         """The chosen hypothesis, with rivals of each of its terms; the search goes on from what is `chosen`."""
         best = self._grown(self._pruned(self._judge(chosen, self._weights(chosen))))
-        rivals = self._all_rivals(best)
-        for _ in range(EXCHANGES):
-            better = [r for each in rivals.values() for r in each if self._wins(r, best)]
-            if not better:
-                break
-            exchanged = self._pruned(max(better, key=lambda r: self.ratio(r, best)))
-            if self.ratio(exchanged, best) <= 0.0:
-                break
-            best = self._grown(exchanged)
-            rivals = self._all_rivals(best)
-        return Found(best, rivals)
+        weighted = self._weights(best.chosen)
+        return Found(best, {e.term: self._rivals(best, e, weighted) for e in best.chosen})
 
     def _grown(self, best: Judged) -> Judged:
         while len(best.chosen) < self.most:
@@ -114,7 +105,28 @@ class ForceSearch:
             best = pruned
             self.log.append(f"forces: {hypothesis_of(best.chosen)}")
             self.say(f"{len(best.chosen)} effects so far")
-        return best
+        return self._completed(best)
+
+    def _completed(self, best: Judged) -> Judged:
+        """With what other joints have too where it is clearly seen, though alone it would not win."""
+        while True:
+            weighted = self._weights(best.chosen)
+            found: list[tuple[float, Judged]] = []
+            for e in self.bank.entries:
+                if (
+                    e.term.effect.tier > 1
+                    or len(e.columns) > 1
+                    or not compatible(hypothesis_of(best.chosen), e.term)
+                ):
+                    continue
+                if sum(o.term.id == e.term.id for o in best.chosen) >= ELSEWHERE:
+                    more = self._judge((*best.chosen, e), weighted)
+                    sure = weighted.sureness(self.bank.columns(more.chosen), more.alike)[-1]
+                    if sure > SEEN and self.ratio(more, best) > 0.0:
+                        found.append((float(sure), more))
+            if not found or len(best.chosen) >= self.most:
+                return best
+            best = max(found, key=lambda x: x[0])[1]
 
     def parts(self, chosen: Chosen) -> dict[Term, Array]:
         """Parameters by term, as if all were linear."""
@@ -212,10 +224,6 @@ class ForceSearch:
                 break
             best = max(needless, key=lambda j: self.ratio(j, best))
         return best
-
-    def _all_rivals(self, best: Judged) -> dict[Term, list[Judged]]:
-        weighted = self._weights(best.chosen)
-        return {e.term: self._rivals(best, e, weighted) for e in best.chosen}
 
     def _rivals(self, best: Judged, own: Entry, weighted: Weighted) -> list[Judged]:
         """What could stand in the place of one effect, best first."""

@@ -87,15 +87,15 @@ def fitted(bank: Bank, parts: dict[Term, Array]) -> Fitted:
 
 
 def sureness(b: Balance, f: Fitted, term: Term) -> float:
-    """By how many standard deviations an effect's parameters differ from those at which it is nothing, or a plainer
-    one that it contains."""
+    """By how many standard deviations an effect differs from nothing or, where it contains a plainer one, from that: of
+    all its parameters together, as none of them may be sure alone (a mass and where it is)."""
     part = f.hypothesis.slices(b.ctx)[f.hypothesis.terms.index(term)]
-    contrasts = term.effect.contrasts(b.ctx, term.place)
-    if not len(contrasts):
+    off = f.theta[part] - term.effect.null(b.ctx, term.place)
+    contrasts = term.effect.contrasts(b.ctx, term.place) if term.effect.tier > 1 else np.eye(off.size)
+    if not contrasts.size:
         return np.inf
-    off = contrasts @ (f.theta[part] - term.effect.null(b.ctx, term.place))
-    variance = np.einsum("kp,pq,kq->k", contrasts, f.cov[part, part], contrasts)
-    return float((np.abs(off) / np.sqrt(np.maximum(variance, 1e-300))).max())
+    d, cov = contrasts @ off, contrasts @ f.cov[part, part] @ contrasts.T
+    return float(np.sqrt(d @ np.linalg.pinv(cov, hermitian=True) @ d / d.size))
 
 
 def _entries(bank: Bank, parts: dict[Term, Array]) -> Chosen:
