@@ -25,6 +25,7 @@ from mpge_jax import files
 from mpge_jax.loop import Curve
 from mpge_jax.rollouts import policies
 
+ROOT = Path(__file__).resolve().parents[1]
 SHARES = (0.05, 0.1, 0.25, 0.5, 1.0)
 
 
@@ -292,13 +293,21 @@ def find(folders: tuple[Path, ...]) -> tuple[list[Path], list[Path]]:
     return sweeps, benchmarks
 
 
+def _shown(folder: Path) -> str:
+    """A folder as in the command: those that the project keeps lie in docs/results, all others in results."""
+    kept = (ROOT / "docs" / "results").resolve()
+    home = "docs/results" if folder.resolve().parent == kept else "results"
+    return f"{home}/{folder.resolve().name}"
+
+
 def page(args: Args) -> str:
     """The whole page, whose pictures are copied beside it."""
     sweeps, benchmarks = find(args.folders)
     images = args.out.parent / "images"
     read = [read_sweep(folder) for folder in sweeps]
     records = [_read_json(folder / "benchmark.json") for folder in benchmarks]
-    listed = shlex.join([f"results/{folder.resolve().name}" for folder in (*sweeps, *benchmarks)])
+    listed = shlex.join([_shown(folder) for folder in (*sweeps, *benchmarks)])
+    listed += "" if args.out.name == "results.md" else f" --out docs/{args.out.name}"
     parts = [
         "# Results",
         f"Written by `python -m experiments.results {listed}` from the files that these runs left; nothing here is "

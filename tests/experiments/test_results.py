@@ -158,3 +158,11 @@ def test_no_folders_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ValueError, match="run `make sweep` first"):
         results.find(())
+
+
+def test_the_kept_results_give_the_page_that_the_project_shows(tmp_path: Path) -> None:
+    """docs/results-standard.md from what docs/results holds, to the byte."""
+    kept, shown = results.ROOT / "docs" / "results", results.ROOT / "docs" / "results-standard.md"
+    folders = tuple(sorted(folder for folder in kept.iterdir() if folder.is_dir()))
+    assert folders
+    assert results.page(results.Args(folders, tmp_path / "docs" / shown.name)) == shown.read_text()

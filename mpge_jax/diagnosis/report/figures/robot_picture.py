@@ -17,6 +17,8 @@ from mpge_jax.diagnosis.report.figures.robot_render import Picture, render
 
 Array = np.ndarray
 _MARK = "#d62718"
+MARGIN = 0.4
+"""Width of the margin for labels beside the tree, over that of the tree."""
 _LONG = [int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)]
 
 
@@ -60,22 +62,36 @@ def _photograph(picture: Picture, spots: list[tuple[Mark, Spot]]) -> Figure:
     ax.axis("off")
     ax.set_xlim(0, width + margin)
     ax.set_ylim(height, 0)
-    labels: dict[tuple[float, float], list[str]] = {}
-    for (mark, _), (x, y) in zip(spots, picture.points, strict=True):
-        lines = labels.setdefault((float(x), float(y)), [])
-        lines += [line for line in mark.label.split("\n") if line not in lines]
-    order = sorted(labels, key=lambda point: point[1])
-    need = [0.055 * height * (len(labels[point]) + 1) for point in order]
-    squeeze = min(1.0, 0.96 * height / max(sum(need), 1e-9))
-    taken = 0.02 * height
-    for i, (point, size) in enumerate(zip(order, need, strict=True)):
-        latest = 0.98 * height - squeeze * sum(need[i:])
-        taken = max(taken, min(point[1] - 0.5 * size, latest))
-        _label(
-            ax, point, "\n".join(labels[point]), (1.02 * width, taken + 0.5 * squeeze * size), 10 * squeeze
-        )
-        taken += squeeze * size
+    labels = _by_point([mark for mark, _ in spots], picture.points)
+    shares, squeeze = _stacked([(y / height, len(lines)) for (_, y), lines in labels.items()])
+    for (point, lines), share in zip(labels.items(), shares, strict=True):
+        _label(ax, point, "\n".join(lines), (1.02 * width, share * height), 10 * squeeze)
     return figure
+
+
+def _by_point(marks: Sequence[Mark], points: Array) -> dict[tuple[float, float], list[str]]:
+    """Lines of the label at every point, without repeating what stands there already; the highest in the picture (the
+    least second coordinate) first."""
+    labels: dict[tuple[float, float], list[str]] = {}
+    for mark, (x, y) in zip(marks, points, strict=True):
+        near = next((p for p in labels if np.hypot(p[0] - x, p[1] - y) < 1e-6), (float(x), float(y)))
+        lines = labels.setdefault(near, [])
+        lines += [line for line in mark.label.split("\n") if line not in lines]
+    return dict(sorted(labels.items(), key=lambda item: item[0][1]))
+
+
+def _stacked(wanted: Sequence[tuple[float, int]]) -> tuple[list[float], float]:
+    """Heights of labels in a margin, in shares from the top, near those of their points but never one over another; and
+    by how much their letters shrink for that. wanted: (share from the top, lines) of each, from the top."""
+    need = [0.055 * (lines + 1) for _, lines in wanted]
+    squeeze = min(1.0, 0.96 / max(sum(need), 1e-9))
+    taken, out = 0.02, []
+    for i, ((share, _), size) in enumerate(zip(wanted, need, strict=True)):
+        latest = 0.98 - squeeze * sum(need[i:])
+        taken = max(taken, min(share - 0.5 * size, latest))
+        out.append(taken + 0.5 * squeeze * size)
+        taken += squeeze * size
+    return out, squeeze
 
 
 def _label(ax: Axes, point: tuple[float, float], text: str, at: tuple[float, float], size: float) -> None:
@@ -115,35 +131,35 @@ def _segments(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[Array, A
 
 def _tree(model: mujoco.MjModel, data: mujoco.MjData, spots: list[tuple[Mark, Spot]]) -> Figure:
     """The kinematic tree, seen along the axis in which it is thinnest."""
-    lines = _segments(model, data)
-    cloud = np.array([p for line in lines for p in line] or [np.zeros(3)])
+    segments = _segments(model, data)
+    cloud = np.array([p for segment in segments for p in segment] or [np.zeros(3)])
     span = np.ptp(cloud, axis=0)
     horizontal = 0 if span[0] >= span[1] else 1
     view = [horizontal, 2] if span[2] > 0.02 * span.max() else [0, 1]
-    figure = Figure(figsize=(5.2, 4.4), layout="constrained")
+    figure = Figure(figsize=(5.2 * (1 + MARGIN) if spots else 5.2, 4.4), layout="constrained")
     ax = figure.subplots()
-    for a, b in lines:
+    for a, b in segments:
         ax.plot(*np.array([a, b])[:, view].T, color="#8fa3b5", lw=6, solid_capstyle="round", zorder=1)
-    names = names_of(model)
-    for j in range(model.njnt):
-        x, y = data.xanchor[j][view]
-        ax.plot(x, y, "o", color="#33424f", ms=5, zorder=2)
-        if model.njnt <= 12:
-            ax.annotate(
-                names.joints[j][:16].replace("$", r"\$"),
-                (x, y),
-                xytext=(7, 5),
-                textcoords="offset points",
-                fontsize=8,
-            )
-    for mark, spot in spots:
-        x, y = spot.point[view]
-        ax.plot(x, y, "o", ms=24, mfc="none", mec=_MARK, mew=2.6, zorder=3)
-        ax.annotate(mark.label, (x, y), xytext=(14, -16), textcoords="offset points", color=_MARK, va="top")
     pad = 0.15 * max(float(span.max()), 0.05)
     centre, half = 0.5 * (cloud.max(0) + cloud.min(0)), 0.5 * float(span.max()) + pad
-    ax.set_xlim(centre[view[0]] - half, centre[view[0]] + half)
-    ax.set_ylim(centre[view[1]] - half, centre[view[1]] + half)
+    (left, right), (low, high) = ((centre[k] - half, centre[k] + half) for k in view)
+    names = names_of(model)
+    joints = [Mark("joint", j, names.joints[j][:16].replace("$", r"\$")) for j in range(model.njnt)]
+    anchors = data.xanchor[:, view]
+    ax.plot(*anchors.T, "o", color="#33424f", ms=5, zorder=2)
+    marked = [spot.point[view] for _, spot in spots]
+    free = [j for j in range(model.njnt) if all(np.hypot(*(anchors[j] - m)) > 1e-6 for m in marked)]
+    if model.njnt <= 12:
+        for point, lines in _by_point([joints[j] for j in free], anchors[free]).items():
+            text = ", ".join(lines)
+            ax.annotate(text, point, xytext=(7, 5), textcoords="offset points", fontsize=8)
+    labels = _by_point([mark for mark, _ in spots], np.array(marked).reshape(-1, 2) * [1.0, -1.0])
+    shares, squeeze = _stacked([((high + y) / (high - low), len(lines)) for (_, y), lines in labels.items()])
+    for ((x, y), lines), share in zip(labels.items(), shares, strict=True):
+        at = (right + 0.02 * (right - left), high - share * (high - low))
+        _label(ax, (x, -y), "\n".join(lines), at, 9 * squeeze)
+    ax.set_xlim(left, right + (MARGIN * (right - left) if spots else 0.0))
+    ax.set_ylim(low, high)
     ax.set_aspect("equal")
     ax.set_xlabel(f"{'xyz'[view[0]]} (m)")
     ax.set_ylabel(f"{'xyz'[view[1]]} (m)")

@@ -1,5 +1,6 @@
 """The robot's picture: rendered by MuJoCo in a process of its own, and drawn as a tree where that fails."""
 
+import itertools
 import os
 import sys
 from types import SimpleNamespace
@@ -187,3 +188,23 @@ def test_names_with_dollar_signs_are_no_formulas(tmp_path, monkeypatch):
     path = tmp_path / "robot.png"
     robot_picture.robot(spec, compile_variable(spec), np.zeros((1, 1)), every_figure.marks(d), path)
     assert path.stat().st_size > 1000
+
+
+def test_labels_never_overlap():
+    """Twelve labels at nearly one height, and two of which one would push the other out."""
+    for wanted in ([(0.5 + 1e-3 * k, 3) for k in range(12)], [(0.97, 2), (0.99, 4)], [(0.1, 1)]):
+        at, squeeze = robot_picture._stacked(wanted)
+        sizes = [squeeze * 0.055 * (lines + 1) for _, lines in wanted]
+        edges = [(y - 0.5 * h, y + 0.5 * h) for y, h in zip(at, sizes, strict=True)]
+        assert edges[0][0] >= 0.0 and edges[-1][1] <= 1.0 + 1e-9
+        assert all(a[1] <= b[0] + 1e-9 for a, b in itertools.pairwise(edges))
+
+
+def test_what_is_named_at_one_point_is_one_label():
+    marks = [
+        Mark("joint", 0, "wrist\ndry friction"),
+        Mark("joint", 0, "wrist\ndamping"),
+        Mark("joint", 1, "elbow"),
+    ]
+    labels = robot_picture._by_point(marks, np.array([[1.0, 5.0], [1.0, 5.0], [2.0, 3.0]]))
+    assert labels == {(2.0, 3.0): ["elbow"], (1.0, 5.0): ["wrist", "dry friction", "damping"]}
