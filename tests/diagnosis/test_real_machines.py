@@ -115,4 +115,4 @@ def test_forces_of_a_given_motion(machine, title, expert):
     near = relative <= 1.1 * np.array(expert)
     # what is above in the Panda and the Kinova stands on their pages
     assert near.mean() >= (1.0 if machine in ("brfd", "ur10_bag") else 0.5)
-    assert d.held.after < 0.5 * d.held.before
+    assert d.held.after < 0.6 * d.held.before
