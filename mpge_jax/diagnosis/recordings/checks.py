@@ -10,8 +10,9 @@ from mpge_jax.diagnosis.machine.model import Names, actuators_of_joint, floating
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import Noise, States
 
-RESTING = 10.0
-"""Deviations of the noise within which a joint that does not move stays."""
+RESTING, STILL = 2.0, 2e-3
+"""Standard deviation of a position, over that of its noise and in rad or m, below which it does not move: noise alone is
+no measure, as fast motion between rows passes for it."""
 TURNS, BEYOND = 4 * np.pi, 10.0
 """Angle (rad) from which on the unit of positions is doubted, and how many times what drives it a joint would have to
 need for the unit to be wrong (57 times in degrees)."""
@@ -197,10 +198,8 @@ def check_motion(
     Raises:
         InputError: the machine never moved.
     """
-    span = np.zeros(model.nq)
-    for r in recordings:
-        span = np.maximum(span, np.nan_to_num(np.ptp(r.qpos, axis=0)))
-    if np.all(span <= RESTING * noise.qpos):
+    spread = np.max([np.nan_to_num(np.std(r.qpos, axis=0)) for r in recordings], axis=0)
+    if np.all(spread <= np.minimum(RESTING * noise.qpos, STILL)):
         raise InputError(
             "the robot never moved in any recording: nothing of its dynamics can be seen; record every joint in motion."
         )
