@@ -11,8 +11,8 @@ from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import Noise, States
 
 RESTING, STILL = 2.0, 2e-3
-"""Standard deviation of a position, over that of its noise and in rad or m, below which it does not move: noise alone is
-no measure, as fast motion between rows passes for it."""
+"""Standard deviation of a position, over that of its noise and in rad or m, below which it does not move: noise alone
+is no measure, as fast motion between rows passes for it."""
 TURNS, BEYOND = 4 * np.pi, 10.0
 """Angle (rad) from which on the unit of positions is doubted, and how many times what drives it a joint would have to
 need for the unit to be wrong (57 times in degrees)."""
