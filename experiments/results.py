@@ -203,7 +203,7 @@ def sweep_section(sweep: Sweep, images: Path, page: Path) -> str:
         "",
         f"`{sweep.command}`",
         "",
-        f"Seeds {', '.join(map(str, range(i['seeds'])))}. {_where(sweep.versions)}. {budgets(i)}",
+        f"Seeds {', '.join(map(str, range(i['seeds'])))}. {_where(sweep)}. {budgets(i)}",
         "",
         report.markdown(sweep.rows, list(METHODS), sweep.failures).rstrip(),
         "",
@@ -220,10 +220,19 @@ def sweep_section(sweep: Sweep, images: Path, page: Path) -> str:
     return "\n".join(lines)
 
 
-def _where(versions: dict[str, str]) -> str:
+def _where(sweep: Sweep) -> str:
+    """Machine, versions and commit; and which methods ran by another commit than the sweep began with."""
+    versions = sweep.versions
     shown = ", ".join(f"{name} {versions[name]}" for name in ("jax", "mujoco") if name in versions)
+    first = versions.get("commit", "?")
+    later: dict[str, list[str]] = {}
+    for row in sweep.rows:
+        methods = later.setdefault(row.get("commit", first), [])
+        if row["method"] not in methods:
+            methods.append(row["method"])
+    others = "".join(f" ({', '.join(m)}: {name})" for name, m in later.items() if name != first)
     return (
-        f"{versions.get('machine', 'unknown machine')}; commit {versions.get('commit', '?')}, "
+        f"{versions.get('machine', 'unknown machine')}; commit {first}{others}, "
         f"Python {versions.get('python', '?')}, {shown}"
     )
 

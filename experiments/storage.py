@@ -123,6 +123,8 @@ class SweepFolder:
         """
         folder = self.cell(method, samples)
         folder.mkdir(parents=True, exist_ok=True)
+        # a sweep may go on with a later version of the code
+        rows = [{**row, "commit": commit()} for row in rows]
         if transformers is not None:
             leaves, _ = jax.tree_util.tree_flatten_with_path(transformers)
             arrays = {
