@@ -11,11 +11,11 @@ from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.effects.base import find_place
 from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.force_balance import procedure
+from mpge_jax.diagnosis.force_balance import procedure, resolution
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import needed
 from mpge_jax.diagnosis.force_balance.resolution import choose
-from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, motion_is_given, tracks
+from mpge_jax.diagnosis.force_balance.tracks import EDGE, Resolution, Track, motion_is_given, tracks
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.simulation.single_step import Machine
 from mpge_jax.diagnosis.verdict.force_judgement import judge_forces
@@ -113,11 +113,30 @@ def test_a_filter_is_supposed_only_where_the_force_holds_nothing_above_it():
 
     def chosen(recordings):
         p = prepare(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1))
+        assert (min(resolution._possible(p)) < 5.0) == (recordings is filtered)
         plain = [Term(i, REGISTRY[i].places(p.ctx)[0]) for i in ("coulomb_friction", "viscous_damping")]
         return choose(p, plain)
 
+    filtered = bench(PENDULUM, friction, 1e-5, sensor=2.0)
     assert chosen(bench(PENDULUM, friction, 1e-3)).sensor == np.inf
-    assert chosen(bench(PENDULUM, friction, 1e-5, sensor=2.0)).sensor in (1.5, 2.0, 3.0)
+    assert chosen(filtered).sensor in (1.5, 2.0, 3.0)
+
+
+def test_motion_below_a_frequency_is_that_of_the_recorded_velocities():
+    rng, known = np.random.default_rng(0), []
+    for r in bench(PENDULUM, [], 1e-3):
+        v = np.gradient(r.qpos, r.time, axis=0)
+        known.append(dataclasses.replace(r, qvel=v + 0.02 * rng.standard_normal(v.shape)))
+    p = prepare(mujoco.MjSpec.from_string(PENDULUM), known, Config(jobs=1))
+    (first, *_), (plain, *_) = (
+        tracks(p, p.train_sources, 10_000, Resolution(motion=m)) for m in (5.0, np.inf)
+    )
+    assert np.isfinite(p.noise.qvel).all()
+    r = p.train_sources[0].recording
+    want, rows = low_pass(r.qvel, r.time, 5.0), slice(EDGE, r.time.size - EDGE)
+    np.testing.assert_allclose(first.v, want[rows])
+    np.testing.assert_allclose(first.a, np.gradient(want, r.time, axis=0)[rows])
+    assert not np.allclose(plain.v, first.v)
 
 
 def test_an_effect_that_helps_by_chance_alone_is_left_out_and_told(monkeypatch):
