@@ -7,6 +7,7 @@ import pytest
 from mpge_jax.diagnosis.effects.base import REGISTRY, find_place
 from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.force_balance import polish
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank
 from mpge_jax.diagnosis.force_balance.force_search import ForceSearch
@@ -110,3 +111,18 @@ def test_bounded_regression_fixes_what_leaves_its_bounds():
     free, held = np.full(2, -np.inf), np.array([-np.inf, 0.0])
     np.testing.assert_allclose(bounded(gram, moment, free, np.full(2, np.inf)), [1.0, -0.5], rtol=1e-6)
     np.testing.assert_allclose(bounded(gram, moment, held, np.full(2, np.inf)), [0.75, 0.0], atol=1e-6)
+
+
+def test_the_prior_holds_a_parameter_at_its_start_and_not_at_where_the_last_step_went(ctx, monkeypatch):
+    """As sure of the start as the data are of the truth: half-way, however many steps are taken."""
+    term, truth, start = _term(ctx, "viscous_damping", 0), 0.2, 0.1
+    b = Balance.of(ctx, _tracks(ctx, {term: np.array([truth])}, noise=0.3), Resolution())
+    free = polished(b, {term: np.array([start])})
+    np.testing.assert_allclose(free.theta, truth, rtol=0.1)
+    width = 1.0 / np.sqrt(free.information[0, 0])
+    monkeypatch.setattr(polish, "prior_widths", lambda params: np.full(len(params), width))
+    monkeypatch.setattr(
+        polish, "prior_loss", lambda params, x, centre, _: float((((x - centre) / width) ** 2).sum())
+    )
+    held = polished(b, {term: np.array([start])})
+    np.testing.assert_allclose(held.theta, 0.5 * (start + free.theta), rtol=0.05)
