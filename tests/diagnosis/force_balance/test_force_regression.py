@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.force_balance.gram import bounded
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import needed
 from mpge_jax.diagnosis.force_balance.polish import polished
-from mpge_jax.diagnosis.force_balance.procedure import sureness
+from mpge_jax.diagnosis.force_balance.procedure import fitted, sureness
 from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.simulation.single_step import Machine
@@ -126,3 +126,13 @@ def test_the_prior_holds_a_parameter_at_its_start_and_not_at_where_the_last_step
     )
     held = polished(b, {term: np.array([start])})
     np.testing.assert_allclose(held.theta, 0.5 * (start + free.theta), rtol=0.05)
+
+
+def test_an_effect_that_ends_up_as_nothing_is_dropped_and_the_others_are_fitted_without_it(ctx):
+    friction, inertia = _term(ctx, "coulomb_friction", 0), _term(ctx, "armature", 1)
+    b = Balance.of(ctx, _tracks(ctx, {friction: np.array([0.3])}, noise=0.02), Resolution())
+    bank = Bank.of(b, [friction, inertia])
+    f = fitted(bank, {friction: np.array([0.2]), inertia: np.array([0.01])})
+    assert f.hypothesis.terms == (friction,)
+    np.testing.assert_allclose(f.theta, 0.3, rtol=0.05)
+    assert sureness(b, f, friction) > 20.0
