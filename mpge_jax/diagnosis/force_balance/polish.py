@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.gram import Normal
 
 Array = np.ndarray
-STEPS = 6
+STEPS = 25
 """Steps, at most."""
 ENOUGH = 1e-4
 """Share of the loss below which a step is the last."""

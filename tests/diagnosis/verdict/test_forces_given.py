@@ -173,3 +173,19 @@ def test_a_joint_that_trembles_at_rest_is_not_taken_for_one_that_slides():
     assert still >= 0.01
     rows = tracks(p, p.train_sources, 500, Resolution(still=still))
     assert (rows[0].unsure >= still * p.ctx.speed).all()
+
+
+def test_the_search_ends_where_the_machine_itself_says_that_the_parameters_are():
+    """A load is a product of mass and place: as linear near its start, its place would be wrong."""
+    load = [0.5, 0.05, 0.0, -0.2]
+    recordings = bench(
+        MOTORS, [("payload_mass", "fore", load), ("coulomb_friction", "shoulder", [0.3])], 0.01
+    )
+    ids = ("payload_mass", "coulomb_friction", "viscous_damping", "actuator_bias")
+    p = prepare(mujoco.MjSpec.from_string(MOTORS), recordings, Config(jobs=1, effects=ids))
+    found = procedure.decide(p, lambda _: None)
+    (term,) = (t for t in found.fit.hypothesis.terms if t.place.name == "fore")
+    fitted = found.fit.hypothesis.split(p.ctx, found.fit.theta)[term]
+    np.testing.assert_allclose(fitted[[0, 3]], [load[0], load[3]], rtol=0.05)
+    as_linear = found.search.parts(found.found.best.chosen)[term]
+    np.testing.assert_allclose(as_linear, fitted, atol=0.02)
