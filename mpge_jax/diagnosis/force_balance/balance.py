@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import Key, Rigid, needed
-from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track
+from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, tracks
+from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.single_step import Machine
 
 Array = np.ndarray
@@ -32,7 +34,7 @@ class Balance:
         tracks: rows of every recording.
         measured: [N, nu] forces of all of them (NaN: none), below the motion's frequency.
         block: [N] number of each row's block.
-        fold: [B] part to which each block belongs: a recording, or spread blocks where there are few recordings.
+        fold: [B] part to which each block belongs: whole recordings, or stretches where there are few recordings.
     """
 
     ctx: Context
@@ -44,26 +46,31 @@ class Balance:
     _known: list[dict[Key, Rigid]]
 
     @staticmethod
-    def of(ctx: Context, tracks: list[Track], resolution: Resolution) -> Balance:
-        """`tracks`: of that resolution."""
-        total = sum(t.time[-1] - t.time[0] for t in tracks)
+    def of(ctx: Context, rows: list[Track], resolution: Resolution) -> Balance:
+        """`rows`: of that resolution."""
+        total = sum(t.time[-1] - t.time[0] for t in rows)
         block, of, first = [], [], 0
-        for k, t in enumerate(tracks):
+        for k, t in enumerate(rows):
             count = max(1, round(BLOCKS * (t.time[-1] - t.time[0]) / max(total, 1e-12)))
             block.append(first + np.minimum(np.arange(t.time.size) * count // t.time.size, count - 1))
             first += count
             of += [k] * count
-        measured = [_seen(t.force, t.time, resolution.motion) for t in tracks]
-        fold = np.array(of) % FOLDS if len(tracks) >= RECORDINGS else np.arange(first) * FOLDS // first
+        measured = [_seen(t.force, t.time, resolution.motion) for t in rows]
+        fold = np.array(of) % FOLDS if len(rows) >= RECORDINGS else np.arange(first) * FOLDS // first
         return Balance(
             ctx,
-            tracks,
+            rows,
             np.concatenate(measured),
             np.concatenate(block),
             fold,
             resolution,
-            [{} for _ in tracks],
+            [{} for _ in rows],
         )
+
+    @staticmethod
+    def recorded(p: Prepared, sources: tuple[Source, ...], most: int, resolution: Resolution) -> Balance:
+        """Of some recordings, by at most `most` rows."""
+        return Balance.of(p.ctx, tracks(p, sources, most, resolution), resolution)
 
     def predicted(self, parts: dict[Term, Array]) -> Array:
         """Forces [N, nu] that the motion needs, as the measurement would show them."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,9 +57,10 @@ class Bank:
     def columns(self, entries: Iterable[Entry]) -> list[int]:
         return [c for e in entries for c in e.columns]
 
-    def single(self) -> dict[Term, Array]:
-        """Columns [1, N, nu] of the effects that have one parameter."""
-        return {e.term: self.made[list(e.columns)] for e in self.entries if len(e.columns) == 1}
+    def single(self, terms: Collection[Term]) -> dict[Term, Array]:
+        """Columns [1, N, nu] of those of the effects that have one parameter."""
+        ones = (e for e in self.entries if len(e.columns) == 1 and e.term in terms)
+        return {e.term: self.made[list(e.columns)] for e in ones}
 
     def parts(self, entries: Iterable[Entry], coefficients: Array) -> dict[Term, Array]:
         """Parameters by term of a solution."""

@@ -10,7 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.force_balance.balance import Balance
-from mpge_jax.diagnosis.force_balance.tracks import Resolution, tracks
+from mpge_jax.diagnosis.force_balance.tracks import Resolution
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.recordings.states import estimate
 from mpge_jax.diagnosis.simulation.drive_signal import Source
@@ -69,10 +69,13 @@ class ForceErrors:
         return float(np.sqrt(np.nanmean(wrong**2)))
 
 
-def force_errors(p: Prepared, held: bool, resolution: Resolution, f: Fitted) -> ForceErrors:
-    """Errors over the training or the held-out recordings."""
-    sources = p.held_sources if held else p.train_sources
-    b = Balance.of(p.ctx, tracks(p, sources, ROWS, resolution), resolution)
+def force_errors(p: Prepared, sources: tuple[Source, ...], resolution: Resolution, f: Fitted) -> ForceErrors:
+    """Errors over some recordings."""
+    return errors_of(p, sources, Balance.recorded(p, sources, ROWS, resolution), f)
+
+
+def errors_of(p: Prepared, sources: tuple[Source, ...], b: Balance, f: Fitted) -> ForceErrors:
+    """The same where their balance is known."""
     corrected = b.predicted(f.hypothesis.split(p.ctx, f.theta))
     return ForceErrors(b, b.predicted({}), corrected, _floors(p, sources, b, f, corrected))
 
@@ -89,7 +92,7 @@ def _floors(p: Prepared, sources: tuple[Source, ...], b: Balance, f: Fitted, cor
     rng = np.random.default_rng(p.config.seed)
     sensor = _sensor_noise(p)
     again = tuple(_recorded_again(p, s, sensor, np.isfinite(b.resolution.motion), rng) for s in sources)
-    other = Balance.of(p.ctx, tracks(p, again, ROWS, b.resolution), b.resolution)
+    other = Balance.recorded(p, again, ROWS, b.resolution)
     moved = other.predicted(f.hypothesis.split(p.ctx, f.theta)) - corrected
     return np.sqrt(rms(np.where(p.measured, moved, np.nan)) ** 2 + rms(other.measured) ** 2)
 

@@ -19,7 +19,7 @@ SURE = 3.0
 """Logarithm of the likelihood ratio (20 to 1) from which on one of two hypotheses is the better one."""
 CLEAR = 2.0
 """Standard deviations from which on what other joints have too is seen at this one."""
-ELSEWHERE, SEEN = 2, 3.0
+ELSEWHERE, TAKEN_UP = 2, 3.0
 """Other places at which an effect was found, and standard deviations, from which on it is taken up at this one too."""
 DISTINCT = 1e-3
 """Share of a direction's squared force that no other gives, from which on it is one of its own."""
@@ -122,7 +122,7 @@ class ForceSearch:
                 if sum(o.term.id == e.term.id for o in best.chosen) >= ELSEWHERE:
                     more = self._judge((*best.chosen, e), weighted)
                     sure = weighted.sureness(self.bank.columns(more.chosen), more.alike)[-1]
-                    if sure > SEEN and self.ratio(more, best) > 0.0:
+                    if sure > TAKEN_UP and self.ratio(more, best) > 0.0:
                         found.append((float(sure), more))
             if not found or len(best.chosen) >= self.most:
                 return best

@@ -102,12 +102,17 @@ class Weighted:
     def sureness(self, chosen: Sequence[int], alike: Array) -> Array:
         """Each coefficient of the fit to all parts over its standard deviation, if `alike` [nu] neighbouring rows have
         one error in common."""
+        _, covariance = self.spread(chosen, alike)
+        return np.abs(self.solve(chosen)) / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+
+    def spread(self, chosen: Sequence[int], alike: Array) -> tuple[Array, Array]:
+        """Information of the rows [p, p] on the chosen coefficients, and their covariance, if `alike` [nu] neighbouring
+        rows have one error in common."""
         index = np.array(chosen, dtype=int)
         gram, prior = self.normal.pooled[0][:, index[:, None], index], np.diag(self.normal.prior[index])
-        information, spread = (np.einsum("u,upq->pq", w, gram) for w in (self.weight, self.weight * alike))
+        information, shared = (np.einsum("u,upq->pq", w, gram) for w in (self.weight, self.weight * alike))
         inverse = np.linalg.pinv(information + prior, hermitian=True)
-        covariance = inverse @ (spread + prior) @ inverse
-        return np.abs(self.solve(chosen)) / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        return information, inverse @ (shared + prior) @ inverse
 
     def left(self, chosen: Sequence[int]) -> Array:
         """Squared errors [nu] of the fit to all parts."""

@@ -44,8 +44,7 @@ def polished(b: Balance, parts: dict[Term, Array], known: dict[Term, Array] | No
         known |= {t: x for t, x in each.items() if len(x) == 1}
         columns = np.concatenate([each[t] for t in h.terms])
         normal = Normal.of(columns, b.measured - here, b.block, b.fold, prior, low - theta, high - theta)
-        weight = np.where(normal.rows.sum(0) > 0, 1.0 / variance, 0.0)
-        weighted = normal.weighted(weight)
+        weighted = normal.weighted(np.where(normal.rows.sum(0) > 0, 1.0 / variance, 0.0))
         step = weighted.solve(range(len(theta)), prior * (centre - theta))
         before = _loss(b.measured - here, variance) + prior_loss(params, theta, centre, 1)
         for share in SHORTER:
@@ -59,10 +58,8 @@ def polished(b: Balance, parts: dict[Term, Array], known: dict[Term, Array] | No
         theta, here, variance = trial, there, _variance(b.measured - there)
         if after > (1.0 - ENOUGH) * before and last:
             break
-    alike = weighted.alike(range(len(theta)))
-    information, spread = (np.einsum("u,upq->pq", w, normal.pooled[0]) for w in (weight, weight * alike))
-    inverse = np.linalg.pinv(information + np.diag(prior), hermitian=True)
-    return Fitted(h, theta, centre, after, information, inverse @ (spread + np.diag(prior)) @ inverse)
+    every = range(len(theta))
+    return Fitted(h, theta, centre, after, *weighted.spread(every, weighted.alike(every)))
 
 
 def _variance(left: Array) -> Array:

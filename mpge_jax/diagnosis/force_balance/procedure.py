@@ -17,7 +17,6 @@ from mpge_jax.diagnosis.force_balance.force_search import Chosen, ForceSearch, F
 from mpge_jax.diagnosis.force_balance.needed_force import can_ask
 from mpge_jax.diagnosis.force_balance.polish import polished
 from mpge_jax.diagnosis.force_balance.resolution import choose
-from mpge_jax.diagnosis.force_balance.tracks import tracks
 
 Array = np.ndarray
 PLAIN = ("coulomb_friction", "viscous_damping", "armature", "actuator_bias")
@@ -28,7 +27,7 @@ MOST = 40
 """Most effects."""
 TURNS = 3
 """Most turns of search and fit."""
-SEEN = 2.0
+SOMETHING = 2.0
 """Standard deviations from nothing below which a parameter says nothing."""
 
 
@@ -55,7 +54,7 @@ def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
     """
     terms = [t for t in all_terms(p.ctx, p.config.effects) if can_ask(t)]
     resolution = choose(p, [t for t in terms if t.id in PLAIN])
-    b = Balance.of(p.ctx, tracks(p, p.train_sources, ROWS, resolution), resolution)
+    b = Balance.recorded(p, p.train_sources, ROWS, resolution)
     say(f"{len(b.measured)} rows of measured force; {len(terms)} effects at their places are tried")
     bank = Bank.of(b, terms)
     chosen: Chosen = ()
@@ -75,12 +74,12 @@ def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
 
 def fitted(bank: Bank, parts: dict[Term, Array]) -> Fitted:
     """The best parameters near `parts`, without effects that end up as nothing."""
-    b, known = bank.balance, bank.single()
+    b, known = bank.balance, bank.single(parts)
     while True:
         f = polished(b, parts, known)
         parts = f.hypothesis.split(b.ctx, f.theta)
         sure = {t: sureness(b, f, t) for t in parts}
-        if not sure or min(sure.values()) > SEEN:
+        if not sure or min(sure.values()) > SOMETHING:
             return f
         # one at a time: of two that are hard to tell apart, neither may seem sure
         del parts[min(sure, key=lambda t: sure[t])]

@@ -20,7 +20,7 @@ SENSOR = (np.inf, 20.0, 10.0, 5.0, 3.0, 2.0, 1.5, 1.0)
 MOTION = (np.inf, 10.0, 5.0, 2.0)
 STILL = (0.0, 0.003, 0.01, 0.03)
 """What is tried: Hz, and shares of a joint's usual speed, from fine to coarse."""
-NOTHING = 0.01
+FILTERED = 0.01
 """Share of a measured force (rms about its mean) that lies above twice the frequency of the filter that it came
 through."""
 BETTER = 0.02
@@ -84,4 +84,4 @@ def _possible(p: Prepared) -> list[float]:
             size += (about**2).sum(0)
         return float(np.sqrt(high / np.maximum(size, 1e-300))[p.measured].max())
 
-    return [f for f in SENSOR if not np.isfinite(f) or above(2.0 * f) < NOTHING]
+    return [f for f in SENSOR if not np.isfinite(f) or above(2.0 * f) < FILTERED]

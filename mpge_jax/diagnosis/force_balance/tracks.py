@@ -39,9 +39,8 @@ class Track:
     """Rows of one recording.
 
     Attributes:
-        time: [T] s. q: [T, nq]. v, a: [T, nv]. unsure: [T, nv] deviation of v as far as it tells
-        the direction of dry friction. force: [T, nu] measured, before the gear
-        (NaN: not measured).
+        time: [T] s. q: [T, nq]. v, a: [T, nv]. unsure: [T, nv] deviation of v as far as it tells the
+        direction of dry friction. force: [T, nu] measured, before the gear (NaN: not measured).
     """
 
     name: str

@@ -13,10 +13,9 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
-from mpge_jax.diagnosis.force_balance.force_errors import ROWS, ForceErrors, force_errors, rms
-from mpge_jax.diagnosis.force_balance.force_search import SURE, ForceSearch, Judged
+from mpge_jax.diagnosis.force_balance.force_errors import ROWS, ForceErrors, errors_of, force_errors, rms
+from mpge_jax.diagnosis.force_balance.force_search import SURE
 from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, fitted
-from mpge_jax.diagnosis.force_balance.tracks import tracks
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.verdict.remainder_description import in_words
 from mpge_jax.diagnosis.verdict.result import Result
@@ -37,14 +36,13 @@ RIVALS = 3
 def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) -> Result:
     """The verdict on what was found in the training recordings, by forces that nothing was fitted to."""
     say("judging what is left")
-    resolution = found.balance.resolution
     fit, held, needless = _confirmed(p, found)
     if needless:
         p.warnings.append(
             f"{_listed(needless)}: the training recordings speak for it, but other recordings are not predicted better "
             "with it by more than chance; it is left out."
         )
-    train = force_errors(p, False, resolution, fit)
+    train = force_errors(p, p.train_sources, found.balance.resolution, fit)
     rivals = {t: _rivals(found, fit, t) for t in fit.hypothesis.terms}
     real, share = _left(held)
     unexplained = None
@@ -67,42 +65,42 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
 def _confirmed(p: Prepared, found: ForceDecision) -> tuple[Fitted, ForceErrors, list[Term]]:
     """The fit without the effects by which unseen forces are not predicted better, with its errors there; and those
     effects. One is taken away at a time, as others may stand in for it."""
-    resolution = found.balance.resolution
-    b = Balance.of(p.ctx, tracks(p, p.held_sources, ROWS, resolution), resolution)
+    b = Balance.recorded(p, p.held_sources, ROWS, found.balance.resolution)
     fit = found.fit
     needless: list[Term] = []
     while True:
-        gains = {t: _gain(b, fit, t) for t in fit.hypothesis.terms}
+        parts = fit.hypothesis.split(p.ctx, fit.theta)
+        left = b.predicted(parts) - b.measured
+        gains = {t: _gain(b, _without(b, parts, t) - b.measured, left) for t in parts}
         sure = {t: gain / max(error, 1e-300) for t, (gain, error) in gains.items()}
         if not sure or min(sure.values()) > BEYOND:
-            return fit, force_errors(p, True, resolution, fit), needless
+            return fit, errors_of(p, p.held_sources, b, fit), needless
         worst = min(sure, key=lambda t: sure[t])
         needless.append(worst)
-        parts = fit.hypothesis.split(p.ctx, fit.theta)
         fit = fitted(found.search.bank, {t: x for t, x in parts.items() if t != worst})
 
 
-def _without(b: Balance, f: Fitted, term: Term) -> Array:
-    parts = f.hypothesis.split(b.ctx, f.theta)
+def _without(b: Balance, parts: dict[Term, Array], term: Term) -> Array:
     return b.predicted({t: x for t, x in parts.items() if t != term})
 
 
-def _gain(b: Balance, f: Fitted, term: Term) -> tuple[float, float]:
+def _gain(b: Balance, without: Array, left: Array) -> tuple[float, float]:
     """By how much the squared error of forces falls with one effect, the others kept, in units of what is left of each
-    actuator's; and the standard error of that, from block to block."""
-    without, left = (
-        x - b.measured for x in (_without(b, f, term), b.predicted(f.hypothesis.split(b.ctx, f.theta)))
-    )
+    actuator's; and the standard error of that, from block to block.
+
+    Args:
+        without, left: [N, nu] errors without the effect, and with all.
+    """
     unit = np.maximum(rms(left), 1e-12 * rms(b.measured))
     blocks = np.bincount(b.block, np.nansum((without**2 - left**2) / unit**2, 1))
-    return float(blocks.mean()), float(
-        blocks.std(ddof=1) / np.sqrt(blocks.size)
-    ) if blocks.size > 1 else np.inf
+    error = blocks.std(ddof=1) / np.sqrt(blocks.size) if blocks.size > 1 else np.inf
+    return float(blocks.mean()), float(error)
 
 
 def _drop(held: ForceErrors, f: Fitted, term: Term) -> float:
     """Share of the squared error of held-out forces that goes with one effect, the others kept."""
-    wrong = _without(held.balance, f, term) - held.balance.measured
+    b = held.balance
+    wrong = _without(b, f.hypothesis.split(b.ctx, f.theta), term) - b.measured
     return float(1.0 - held.after**2 / max(float(np.nanmean(wrong**2)), 1e-300))
 
 
@@ -120,7 +118,7 @@ def _rivals(found: ForceDecision, fit: Fitted, term: Term) -> list[Rival]:
         f = fitted(s.bank, parts) if tied else _as_linear(found.balance, parts)
         if tied and other.term not in f.hypothesis.terms:
             tied = False
-        out.append(Rival(other.term, f, ratio, 0.0, _why_not(s, r, ratio, richer, tied), tied))
+        out.append(Rival(other.term, f, ratio, 0.0, _why_not(ratio, richer, tied), tied))
     return out
 
 
@@ -130,7 +128,7 @@ def _as_linear(b: Balance, parts: dict[Term, Array]) -> Fitted:
     return Fitted(h, theta, theta)
 
 
-def _why_not(s: ForceSearch, r: Judged, ratio: float, richer: bool, tied: bool) -> str:
+def _why_not(ratio: float, richer: bool, tied: bool) -> str:
     if tied:
         return "these recordings cannot tell it apart"
     if ratio < SURE and richer:

@@ -24,10 +24,8 @@ def forces(d: Result, e: ForceErrors, path: Path) -> Path:
     """Held-out forces over time and, on the right, over position, where friction is a loop and a gap a step in it."""
     shown = _worst(e)
     figure = Figure(figsize=(9.6, 1.9 * len(shown) + 0.9), layout="constrained")
-    axes = figure.subplots(
-        len(shown), 2, squeeze=False, sharex="col" if len(shown) == 1 else False, width_ratios=(2, 1)
-    )
-    track, rows = e.balance.tracks[0], slice(0, len(e.balance.tracks[0].time))
+    axes = figure.subplots(len(shown), 2, squeeze=False, width_ratios=(2, 1))
+    track = e.balance.tracks[0]
     # a few seconds around the middle: more would hide how the curves run
     near = np.abs(track.time - 0.5 * (track.time[0] + track.time[-1])) < 0.5 * PERIOD
     origin = d.prepared.held_sources[0].recording.shown_origin
@@ -38,7 +36,7 @@ def forces(d: Result, e: ForceErrors, path: Path) -> Path:
             (e.given, NOMINAL, "--", 1.3, "model as given"),
             (e.corrected, CORRECTED, "-", 1.3, "corrected model"),
         ):
-            force = values[rows, a][near]
+            force = values[: near.size, a][near]
             ax.plot(origin + track.time[near], force, color=color, ls=style, lw=width, label=label)
             if is_joint_transmission(m, a):
                 q = track.q[near, m.jnt_qposadr[m.actuator_trnid[a, 0]]]
