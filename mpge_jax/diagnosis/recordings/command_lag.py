@@ -64,9 +64,13 @@ def without_previous_commands(
     """The same with every command on the row at which it was given, where each row holds that of the row before: the
     motion then follows commands before they were sent, which no delay and no clock of a machine explains. And what was
     done, for the user."""
-    lags = [None if r.ctrl is None else common_lag(r.time, r.qpos, r.qvel, r.ctrl, model) for r in recordings]
-    told = [x.common / x.step for x in lags if x is not None]
-    if 2 * len(told) <= len(recordings) or not all(-1.5 < rows < -0.5 for rows in told):
+    told = 0
+    for r in recordings:
+        lag = None if r.ctrl is None else common_lag(r.time, r.qpos, r.qvel, r.ctrl, model)
+        if lag is not None and not -1.5 < lag.common / lag.step < -0.5:
+            return recordings, []
+        told += lag is not None
+    if 2 * told <= len(recordings):
         return recordings, []
     moved = [
         r if r.ctrl is None else replace(r, ctrl=np.concatenate([r.ctrl[1:], r.ctrl[-1:]]))
