@@ -165,6 +165,14 @@ class Names:
     def joint_of_dof(self, model: mujoco.MjModel, dof: int) -> str:
         return self.joints[int(model.dof_jntid[dof])]
 
+    def driven_by(self, model: mujoco.MjModel, a: int) -> str:
+        """The joint that an actuator drives, or the actuator's own name where it drives no single one."""
+        return (
+            self.joints[int(model.actuator_trnid[a, 0])]
+            if is_joint_transmission(model, a)
+            else self.actuators[a]
+        )
+
 
 def names_of(model: mujoco.MjModel) -> Names:
     """Names of joints, actuators, bodies, geoms, each once. An unnamed actuator goes by its joint, if no other does."""

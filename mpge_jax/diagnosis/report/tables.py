@@ -16,7 +16,6 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number, parameters
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.report.sentences import error_unit, explanation, separation
 from mpge_jax.diagnosis.verdict.location import locate
 from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, candidates_of
@@ -117,8 +116,7 @@ def _per_joint(d: Result) -> dict[str, list[float | None]]:
     if isinstance(r, ForceErrors):
         before, after = r.each_before, r.each_after
         for a in map(int, np.flatnonzero(d.prepared.measured)):
-            direct = is_joint_transmission(m, a)
-            name = names.joints[int(m.actuator_trnid[a, 0])] if direct else names.actuators[a]
+            name = names.driven_by(m, a)
             key = name if name not in out else f"{name}:{names.actuators[a]}"
             out[key] = [number(before[a]), number(after[a])]
         return out

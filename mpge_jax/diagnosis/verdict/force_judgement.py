@@ -153,7 +153,7 @@ def _describe(p: Prepared, e: ForceErrors, share: float) -> dict[str, Any]:
     b, m, size = e.balance, p.model, e.size
     left = np.nan_to_num(np.maximum(e.each_after**2 - e.floors**2, 0.0) / size**2)
     order = [int(a) for a in np.argsort(-left) if left[a] >= BESIDE * left.max()]
-    at = [_place(p, a) for a in order]
+    at = [p.names.driven_by(m, a) for a in order]
     worst = order[0]
     missing = b.measured[:, worst] - e.corrected[:, worst]
     seen = np.isfinite(missing)
@@ -194,14 +194,9 @@ def _location(p: Prepared, train: ForceErrors) -> list[tuple[str, str, float]]:
     ratio = train.each_before**2 / np.maximum(train.floors, 1e-9 * train.size) ** 2
     out: dict[tuple[str, str], float] = {}
     for a in map(int, np.flatnonzero(np.isfinite(ratio))):
-        key = (_place(p, a), "joint" if is_joint_transmission(p.model, a) else "actuator")
+        key = (p.names.driven_by(p.model, a), "joint" if is_joint_transmission(p.model, a) else "actuator")
         out[key] = max(out.get(key, 0.0), float(ratio[a]))
     return sorted(((n, k, r) for (n, k), r in out.items()), key=lambda row: -row[2])
-
-
-def _place(p: Prepared, a: int) -> str:
-    m, names = p.model, p.names
-    return names.joints[int(m.actuator_trnid[a, 0])] if is_joint_transmission(m, a) else names.actuators[a]
 
 
 def _listed(terms: list[Term]) -> str:

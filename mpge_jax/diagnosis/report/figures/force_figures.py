@@ -41,8 +41,7 @@ def forces(d: Result, e: ForceErrors, path: Path) -> Path:
             if is_joint_transmission(m, a):
                 q = track.q[near, m.jnt_qposadr[m.actuator_trnid[a, 0]]]
                 loop.plot(q, force, color=color, ls=style, lw=0.8 * width)
-        joint = names.joints[int(m.actuator_trnid[a, 0])] if is_joint_transmission(m, a) else ""
-        ax.set_ylabel(f"{drawing.short(names.actuators[a], 18)} ({unit_of_joint(d, joint)})")
+        ax.set_ylabel(f"{drawing.short(names.actuators[a], 18)} ({unit_of_joint(d, names.driven_by(m, a))})")
         loop.xaxis.set_major_locator(MaxNLocator(4))
         for one in (ax, loop):
             one.grid(alpha=0.25)

@@ -87,13 +87,7 @@ def write_ros2(
     writer = Writer(path, version=9, storage_plugin=plugin)
     if compress:
         writer.set_compression(CompressionMode[compress.upper()], CompressionFormat.ZSTD)
-    with writer:
-        connections: dict[str, Any] = {}
-        for topic, ns, message in messages:
-            kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=types)
-            writer.write(connections[topic], ns, types.serialize_cdr(message, kind))
+    _write_all(writer, messages, types, types.serialize_cdr)
     return path
 
 
@@ -103,14 +97,18 @@ def write_ros1(path: Path, messages: list[Message], types: Any, compress: str = 
     writer = Writer(path)
     if compress:
         writer.set_compression(Writer.CompressionFormat[compress.upper()])
+    _write_all(writer, messages, types, types.serialize_ros1)
+    return path
+
+
+def _write_all(writer: Any, messages: list[Message], types: Any, serialize: Any) -> None:
     with writer:
         connections: dict[str, Any] = {}
         for topic, ns, message in messages:
             kind = message.__msgtype__
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=types)
-            writer.write(connections[topic], ns, types.serialize_ros1(message, kind))
-    return path
+            writer.write(connections[topic], ns, serialize(message, kind))
 
 
 JOINT_STATE = """std_msgs/Header header
