@@ -39,6 +39,17 @@ _log.set()
 
 
 @pytest.fixture
+def brax_on_new_jax(monkeypatch):
+    """What brax 0.14.2's trainers ask for and JAX 0.10 no longer has: one copy of a tree for each device."""
+    if not hasattr(jax, "device_put_replicated"):
+
+        def copies(tree, devices):
+            return jax.tree.map(lambda x: jax.numpy.stack([x] * len(devices)), tree)
+
+        monkeypatch.setattr(jax, "device_put_replicated", copies, raising=False)
+
+
+@pytest.fixture
 def unchecked(monkeypatch):
     """Without the checks of shapes, as the library is used: where its own answer to a wrong shape is tested."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)

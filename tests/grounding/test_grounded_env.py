@@ -184,17 +184,11 @@ def test_brax_wrappers_carry_mjx_data(name):
 
 
 @pytest.mark.slow
-def test_brax_ppo_trains_on_a_grounded_simulator(monkeypatch):
+@pytest.mark.usefixtures("brax_on_new_jax")
+def test_brax_ppo_trains_on_a_grounded_simulator():
     """Falling takes a random policy some ten steps; the members push by -0.2, 0 and 0.2."""
     from brax.training.agents.ppo import train as ppo
 
-    if not hasattr(jax, "device_put_replicated"):  # brax 0.14.2 still calls it, JAX has dropped it
-        monkeypatch.setattr(
-            jax,
-            "device_put_replicated",
-            lambda tree, devices: jax.tree.map(lambda x: jnp.stack([x] * len(devices)), tree),
-            raising=False,
-        )
     env = small.env("InvertedPendulum")
     grounded = GroundedEnv(env, small.stacked(*(small.constant(env, delta) for delta in (-0.2, 0.0, 0.2))))
     returns = []

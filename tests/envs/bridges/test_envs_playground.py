@@ -77,14 +77,11 @@ def test_their_wrappers(playground, full_reset):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize("kind", ["playground", "brax"])
-def test_brax_trains_in_it(request, monkeypatch, kind):
+@pytest.mark.usefixtures("brax_on_new_jax")
+def test_brax_trains_in_it(request, kind):
     """Falling takes a random policy some ten steps."""
     from brax.training.agents.ppo import train as ppo
 
-    if not hasattr(jax, "device_put_replicated"):
-        # brax 0.14.2 asks for what JAX 0.10 no longer has: one copy for each device.
-        copies = lambda tree, devices: jax.tree.map(lambda x: jnp.stack([x] * len(devices)), tree)  # noqa: E731
-        monkeypatch.setattr(jax, "device_put_replicated", copies, raising=False)
     env, options = envs.as_brax(grounded()), {}
     if kind == "playground":
         wrapper = request.getfixturevalue("playground").wrapper
