@@ -10,9 +10,9 @@ class Config:
     """How a diagnosis is made.
 
     Attributes:
-        effects: identifiers to try (None: all). held_out: names of recordings to hold out (None: by the rule).
+        effects: identifiers to try (None: all). held_out: names of recordings that only test (None: by the rule).
         seed: seed of every random choice. jobs: threads. decide_s, report_s: window lengths in seconds.
-        train_windows, held_windows: most windows used for deciding. max_effects: most effects looked for.
+        train_windows, choice_windows: most windows used for deciding. max_effects: most effects looked for.
         quiet: no progress on stderr.
     """
 
@@ -23,7 +23,7 @@ class Config:
     decide_s: float = 0.25
     report_s: float = 0.5
     train_windows: int = 40
-    held_windows: int = 150
+    choice_windows: int = 150
     max_effects: int | None = None
     quiet: bool = False
 
@@ -34,7 +34,7 @@ class Config:
             raise ValueError(f"seed must not be negative, got {self.seed}.")
         if self.jobs < 1:
             raise ValueError(f"jobs must be at least 1, got {self.jobs}.")
-        if self.train_windows < 4 or self.held_windows < 2:
-            raise ValueError("at least 4 training and 2 held-out windows are needed.")
+        if self.train_windows < 4 or self.choice_windows < 2:
+            raise ValueError("at least 4 training and 2 windows to choose by are needed.")
         if self.max_effects is not None and self.max_effects < 0:
             raise ValueError(f"max_effects must not be negative, got {self.max_effects}.")

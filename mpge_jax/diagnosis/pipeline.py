@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 
 from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.dataset.given_motion import motion_is_given
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.diagnosis import Diagnosis
@@ -17,13 +18,12 @@ from mpge_jax.diagnosis.drives.driven_machine import driven_as_found
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.force_balance import procedure as force_balance
-from mpge_jax.diagnosis.force_balance.tracks import motion_is_given
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
 from mpge_jax.diagnosis.recordings.reader import read
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.selection import checkpoint
-from mpge_jax.diagnosis.selection.procedure import decide
+from mpge_jax.diagnosis.selection.procedure import decide, tested
 from mpge_jax.diagnosis.selection.setup import build_search, check_windows
 from mpge_jax.diagnosis.verdict.force_judgement import judge_forces
 from mpge_jax.diagnosis.verdict.judgement import judge
@@ -88,7 +88,7 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
     Args:
         p: recordings as prepared. plain: the nominal model. progress: see `diagnose`.
     """
-    if motion_is_given(p):
+    if motion_is_given([s.recording for s in p.sources], p.model, p.measured):
         say(
             "no commands were recorded: the forces that the motion needs are compared with those that were measured"
         )
@@ -101,8 +101,8 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
     if progress is not None:
         checkpoint.attach(s, p, progress)
     say(
-        f"{len(p.train_sources) + len(p.held_sources)} recordings; {len(s.terms)} effects at their places are tried: "
-        f"fitted to {s.train.count} pieces of {s.train.times.max():.2g} s, judged on {s.held.count} held-out ones"
+        f"{len(p.sources)} recordings; {len(s.terms)} effects at their places are tried: "
+        f"fitted to {s.train.count} pieces of {s.train.times.max():.2g} s, judged on {s.held.count} others"
     )
     found = decide(p, s, say)
     for moved in (MeasurementModel.with_moved_delays, MeasurementModel.with_moved_zeros):
@@ -117,4 +117,4 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
     say("judging what is left")
     if drives is not None and measurement.late:
         drives = drives.arrived(measurement.given(found.fit).delays)
-    return judge(p, plain, s, found, drives)
+    return judge(p, plain, s, *tested(p, s, found), drives)

@@ -51,7 +51,7 @@ def record(
     size: float | list[float],
     change: Callable[[mujoco.MjModel], None] | None = None,
     force: Callable[[mujoco.MjModel, mujoco.MjData], None] | None = None,
-    count: int = 3,
+    count: int = 4,
     seconds: float = 2.0,
     rate: int = 100,
     noise: float = 1e-4,

@@ -39,8 +39,8 @@ def _diagnose(folder: Path, title: str, page: str):
     data = folder.relative_to(RECORDINGS)
     command = f"python -m experiments.diagnose --model {data}/model.xml --recordings {data} --out out"
     path.write_text(markdown(d, title, command), encoding="utf-8")
-    assert all(s.recording.name.startswith("heldout_") for s in d.prepared.held_sources)
-    assert not any(s.recording.name.startswith("heldout_") for s in d.prepared.train_sources)
+    assert all(s.recording.name.startswith("heldout_") for s in d.prepared.test)
+    assert not any(s.recording.name.startswith("heldout_") for s in d.prepared.train)
     return d
 
 
@@ -72,7 +72,7 @@ def test_zeros_of_the_held_out_session_of_c0_carry_over_from_one_recording_to_th
     ratio = {}
     for name, taken in (("none", {}), ("own", zeros), ("swapped", swapped)):
         less = with_zeros(p, taken)
-        w = less.windows(True, p.config.report_s, 60, seed=1)
+        w = less.windows("test", p.config.report_s, 60, seed=1)
         before, after = (errors(p.sim, f, w) for f in (NOTHING, _fitted_to_training(less, found)))
         medians = [np.median(np.sqrt(np.nanmean(e.curves**2, axis=1)), axis=0) for e in (before, after)]
         ratio[name] = medians[0] / medians[1]
@@ -81,7 +81,7 @@ def test_zeros_of_the_held_out_session_of_c0_carry_over_from_one_recording_to_th
 
 
 def _fitted_to_training(p: Prepared, f: Fitted) -> Fitted:
-    w = p.windows(False, p.config.decide_s, 60)
+    w = p.windows("train", p.config.decide_s, 60)
     for _ in range(3):
         f = fit(p.sim, [f], w, whitener(p.sim, f.hypothesis, f.theta, w, p.noise))[0]
     return f

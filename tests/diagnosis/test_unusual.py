@@ -44,7 +44,7 @@ def test_windows_go_on_after_lost_rows():
 def test_sparse_rows_hold_windows_of_whole_steps(rate):
     time = np.arange(0, 20, 1 / rate)
     p = prepared_of(PENDULUM, [dataclasses.replace(_log(time + k), name=f"run_{k}") for k in range(3)])
-    w = p.windows(False, 0.25, 1000)
+    w = p.windows("train", 0.25, 1000)
     assert w.count > 60
     assert (w.times.max(1) >= 0.2).all() and (w.times.max(1) < 0.45).all()
 
@@ -105,9 +105,9 @@ def _transitions(friction: float, count: int = 150, noise: float = 1e-4) -> list
 def test_single_transitions_are_recordings():
     spec = mujoco.MjSpec.from_string(PENDULUM)
     assert diagnose(spec, _transitions(0.0), Config(jobs=1)).verdict == "none"
-    d = diagnose(spec, _transitions(0.05), Config(jobs=1))
+    d = diagnose(spec, _transitions(0.15), Config(jobs=1))
     assert [(t.id, t.place.name) for t in d.terms] == [("coulomb_friction", "hinge")]
-    assert d.fit.theta[0] == pytest.approx(0.05, rel=0.05)
+    assert d.fit.theta[0] == pytest.approx(0.15, rel=0.05)
 
 
 GANTRY = """<mujoco><worldbody><body name="tool"><joint name="x" type="slide" axis="1 0 0"/>
@@ -132,7 +132,7 @@ def test_commands_are_not_clipped_where_the_model_says_so():
 
 def test_equal_names_are_refused_and_copies_warned_of():
     recordings = record(PENDULUM, 0.8)
-    with pytest.raises(InputError, match="3 recordings are called 'run'"):
+    with pytest.raises(InputError, match="4 recordings are called 'run'"):
         diagnose(
             mujoco.MjSpec.from_string(PENDULUM), [dataclasses.replace(r, name="run") for r in recordings]
         )
@@ -199,7 +199,7 @@ def test_rows_that_hold_the_command_of_the_row_before_are_read_as_they_were_mean
     late = [replace(r, ctrl=np.concatenate([r.ctrl[:1], r.ctrl[:-1]])) for r in right]
     p = prepared_of(PENDULUM, late)
     assert p.warnings[0].startswith("each row holds the command of the row before it")
-    shown = p.train_sources[0].recording
+    shown = p.train[0].recording
     (same,) = (r for r in right if r.name == shown.name)
     np.testing.assert_array_equal(shown.ctrl[:-1], same.ctrl[:-1])
     # a command that acts a row late may be the machine's delay, and stays
@@ -270,10 +270,10 @@ def test_a_delay_in_the_model_is_filled_with_the_commands_before_a_window():
     """Nothing is missing: the truth has the model's delay of 30 ms; 10 ms more are exported on top of it."""
     xml = PENDULUM.replace("ctrlrange", 'delay="0.03" nsample="64" ctrlrange')
     p = prepared_of(xml, record(xml, 0.8))
-    w = p.windows(False, 0.25, 40)
+    w = p.windows("train", 0.25, 40)
     nothing = errors(p.sim, NOTHING, w)
     plain = prepared_of(PENDULUM, record(PENDULUM, 0.8))
-    assert nothing.rms < 1.5 * errors(plain.sim, NOTHING, plain.windows(False, 0.25, 40)).rms
+    assert nothing.rms < 1.5 * errors(plain.sim, NOTHING, plain.windows("train", 0.25, 40)).rms
     spec = mujoco.MjSpec.from_string(xml)
     assert REGISTRY["actuator_delay"].export(spec, p.ctx, Place("actuator", "motor", 0), np.array([0.01]))
     assert spec.compile().actuator_delay[0] == pytest.approx(0.04)

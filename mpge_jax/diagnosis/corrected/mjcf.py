@@ -29,6 +29,8 @@ def corrected_spec(d: Result) -> tuple[mujoco.MjSpec, dict[Term, bool]]:
     ctx = _as_given(d) if parts else d.ctx
     for term, theta in parts.items():
         native[term] = term.effect.export(spec, ctx, term.place, theta)
+    if d.residual is not None:
+        native |= {f.term: False for f in d.residual.functions}
     if d.actuators is not None:
         native |= d.actuators.export(spec)
     return spec, native

@@ -14,6 +14,7 @@ from mpge_jax.diagnosis.dataset.coarse_sampling import (
     is_coarse,
     states_as_measured,
 )
+from mpge_jax.diagnosis.dataset.given_motion import motion_is_given
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.candidates import all_terms
 from mpge_jax.diagnosis.errors import InputError
@@ -30,10 +31,10 @@ from mpge_jax.diagnosis.recordings.checks import (
 )
 from mpge_jax.diagnosis.recordings.clock_stamps import at_their_stamps
 from mpge_jax.diagnosis.recordings.command_lag import without_previous_commands
-from mpge_jax.diagnosis.recordings.held_out_split import split
 from mpge_jax.diagnosis.recordings.noise_level import MIN_ROWS
 from mpge_jax.diagnosis.recordings.recording import Recording, rows_of
-from mpge_jax.diagnosis.recordings.states import MAX_ROWS, estimate
+from mpge_jax.diagnosis.recordings.states import MAX_ROWS, estimate, smoothed
+from mpge_jax.diagnosis.recordings.three_parts import three_parts
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
 from mpge_jax.diagnosis.simulation.force_between_rows import source_of
 from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force, measured_forces
@@ -75,46 +76,50 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     recordings, notes = without_previous_commands(recordings, plain)
     warnings = notes + told_once(recordings)
     rng = np.random.default_rng(config.seed)
-    train, held, notes = split(recordings, config.held_out, rng)
-    warnings += notes
-    check_copies(train, held, warnings)
     measured = measured_forces(recordings, plain)
+    # where forces are predicted, parts of all that may be looked at choose what was fitted to the others
+    chosen = not motion_is_given(recordings, plain, measured)
+    parts = three_parts(recordings, config.held_out, rng, chosen)
+    warnings += parts.warnings
+    tests = {r.name for r in parts.test}
+    check_copies([r for r in recordings if r.name not in tests], parts.test, warnings)
     check_commands(recordings, measured, names)
     check_base(recordings, plain, names)
     check_forces(recordings, measured, names, warnings)
     model = compile_variable(drive_by_force(spec, measured))
-    train, held = _thin(train, warnings), _thin(held, warnings)
-    recorded = train + held
+    train, choice, test = (_thin(part, warnings) for part in (parts.train, parts.choice, parts.test))
+    looked_at = len(train) + len(choice)
+    recorded = train + choice + test
     together, notes = at_their_stamps(recorded, plain, names)
     warnings += notes
-    noise, states, notes = estimate(together, model, names, recorded)
+    noise, states, notes = estimate(together[:looked_at], model, names, recorded[:looked_at])
+    states += smoothed(together[looked_at:], model, noise)
     warnings += notes
     sources = tuple(source_of(r, s, plain, measured) for r, s in zip(together, states, strict=True))
-    train_sources, held_sources = sources[: len(train)], sources[len(train) :]
     check_motion(together, model, names, noise, warnings)
     check_units(together, list(states), model, names, [s.command for s in sources])
-    ctx = build_context(model, names, train_sources)
+    ctx = build_context(model, names, sources[: len(train)])
     dt = choose_dt(together, float(plain.opt.timestep))
     sim = Simulator(model, ctx, threads=config.jobs)
-    short, estimated = max(r.time.size for r in together) < MIN_ROWS, noise
-    whole = short and holds_states(together, model, noise)
+    seen = together[:looked_at]
+    short, estimated = max(r.time.size for r in seen) < MIN_ROWS, noise
+    whole = short and holds_states(seen, model, noise)
     if whole:
-        noise = as_large_as_motion(together, noise)
-    if whole or is_coarse(together, model, noise):
+        noise = as_large_as_motion(seen, noise)
+    if whole or is_coarse(seen, model, noise):
         known = all_terms(ctx, config.effects)
         terms = [t for t in known if t.effect.simulated and not t.effect.senses]
-        noise = bound(sim, train_sources, noise, terms, dt, config.seed)
+        noise = bound(sim, sources[: len(train)], noise, terms, dt, config.seed)
         if noise.direct:
             measured_states = states_as_measured(together, model, noise)
             sources = tuple(replace(s, states=x) for s, x in zip(sources, measured_states, strict=True))
-            train_sources, held_sources = sources[: len(train)], sources[len(train) :]
-            ctx = build_context(model, names, train_sources)
+            ctx = build_context(model, names, sources[: len(train)])
             sim = Simulator(model, ctx, threads=config.jobs)
     if short and not noise.direct:
         noise = estimated
         warnings.append("recordings are too short to estimate noise; they are taken as nearly noise-free.")
     check_model(plain, names, warnings)
     return Prepared(
-        spec, sim.model, names, sim.ctx, sim, noise, train_sources, held_sources, dt, measured, warnings, config,
-        float(plain.opt.timestep),
+        spec, sim.model, names, sim.ctx, sim, noise, sources[: len(train)], sources[len(train) : looked_at],
+        sources[looked_at:], dt, measured, warnings, config, float(plain.opt.timestep),
     )  # fmt: skip

@@ -9,9 +9,11 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.dataset.starts_from_before import started_from_before
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.recordings.three_parts import PARTS, Part
 from mpge_jax.diagnosis.simulation.actuator_state import settling
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
 from mpge_jax.diagnosis.simulation.drive_signal import Source
@@ -28,9 +30,10 @@ class Prepared:
     """Inputs of the search.
 
     Attributes:
-        spec: the nominal description. model: its compiled form (mechanical side: driven by measured forces
-        where these exist). measured: [nu] whether an actuator's force was measured and commanded. known: [nu] whether
-        that force is its law's, without the noise of its measurement (None: of none).
+        spec: the nominal description. model: its compiled form (mechanical side: driven by measured forces where these
+        exist). train, choice, test: recordings to fit parameters to, to choose effects by, and to compute the reported
+        errors on, which nothing else looks at. measured: [nu] whether an actuator's force was measured and commanded.
+        known: [nu] whether that force is its law's, without the noise of its measurement (None: of none).
     """
 
     spec: mujoco.MjSpec
@@ -39,8 +42,9 @@ class Prepared:
     ctx: Context
     sim: Simulator
     noise: Noise
-    train_sources: tuple[Source, ...]
-    held_sources: tuple[Source, ...]
+    train: tuple[Source, ...]
+    choice: tuple[Source, ...]
+    test: tuple[Source, ...]
     dt: float
     measured: np.ndarray
     warnings: list[str]
@@ -48,25 +52,45 @@ class Prepared:
     timestep: float
     known: np.ndarray | None = None
 
+    @property
+    def looked_at(self) -> tuple[Source, ...]:
+        """What may be looked at before everything is decided: all but the test recordings."""
+        return self.train + self.choice
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        return self.looked_at + self.test
+
+    def all_to_train(self) -> Prepared:
+        """The same with the recordings that chose the effects among those that their parameters are fitted to."""
+        return replace(self, train=self.looked_at, choice=())
+
+    def mapped(self, change: Callable[[Source], Source]) -> Prepared:
+        """The same with every recording changed."""
+        train, choice, test = (tuple(map(change, part)) for part in (self.train, self.choice, self.test))
+        return replace(self, train=train, choice=choice, test=test)
+
     def windows(
-        self, held: bool, duration: float, limit: int, seed: int = 0, samples: int = MAX_SAMPLES
+        self, part: Part, duration: float, limit: int, seed: int = 0, samples: int = MAX_SAMPLES
     ) -> Windows:
-        """At most `limit` windows of at most `samples` rows, of `duration` s or shorter where recordings are."""
-        sources = self.held_sources if held else self.train_sources
-        lengths = [
-            s.recording.duration - settling(s, self.model) for s in self.train_sources + self.held_sources
+        """At most `limit` windows of at most `samples` rows, of `duration` s or shorter where recordings are.
+
+        Those of test recordings start from what was recorded before the rows that they are judged by.
+        """
+        parts = [
+            [s.recording.duration - max(settling(s, self.model), s.spent) for s in getattr(self, k)]
+            for k in PARTS
         ]
+        lengths = [x for each in parts for x in each]
         if self.ctx.period > SPARSE * duration:
             duration = float(np.ceil(duration / self.ctx.period - 1e-6)) * self.ctx.period
         # logs of short episodes: most of them must hold a window
         duration = min(duration, max(float(np.quantile(lengths, 0.3)), float(np.median(lengths)) / 2))
-        # and at least one of either kind
-        trained = len(self.train_sources)
-        duration = min(
-            duration, max(lengths[:trained], default=duration), max(lengths[trained:], default=duration)
-        )
-        rng = np.random.default_rng([self.config.seed, int(held), seed])
-        return cut(sources, self.model, self.noise, duration, limit, self.dt, rng, samples)
+        # and at least one of each part
+        duration = min([duration, *(max(each, default=duration) for each in parts)])
+        rng = np.random.default_rng([self.config.seed, PARTS.index(part), seed])
+        w = cut(getattr(self, part), self.model, self.noise, duration, limit, self.dt, rng, samples)
+        return started_from_before(w, self.model, self.noise) if part == "test" else w
 
 
 def with_drives(
@@ -89,8 +113,4 @@ def with_drives(
     def again(s: Source) -> Source:
         return followed(s, plain, p.measured & continuous, law(s), ages)
 
-    return replace(
-        p,
-        train_sources=tuple(map(again, p.train_sources)),
-        held_sources=tuple(map(again, p.held_sources)),
-    )
+    return p.mapped(again)

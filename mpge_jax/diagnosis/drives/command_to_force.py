@@ -21,6 +21,7 @@ from mpge_jax.diagnosis.estimation.quantities import clause, quantity
 from mpge_jax.diagnosis.machine.model import clipped, compile_variable, has_plain_law
 from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, row_of
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
+from mpge_jax.diagnosis.recordings.three_parts import PARTS, Part
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.force_between_rows import Law, nominal
@@ -161,7 +162,7 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
     Args:
         nominal: the model as given (commands in). ids: effects to try.
     """
-    together = p.train_sources + p.held_sources
+    together = p.looked_at
     if not p.measured.any() or any(s.recording.ctrl is None for s in together):
         return None
     drive = np.array(
@@ -183,27 +184,27 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
                 "or its force depends on more than one joint."
             )
             continue
-        logs: dict[bool, list[Log]] = {False: [], True: []}
+        logs: dict[Part, list[Log]] = {part: [] for part in PARTS}
         count = 0
-        for held, sources in ((False, p.train_sources), (True, p.held_sources)):
-            for s in sources:
+        for part in PARTS:
+            for s in getattr(p, part):
                 log = log_of(s, ctx, int(a), dt, count)
                 if log is not None:
-                    logs[held].append(log)
+                    logs[part].append(log)
                     count = int(log.block.max()) + 1
-        if not logs[False] or not logs[True]:
+        if not all(logs.values()):
             continue
         sigma, _ = column_noise(
             [s.recording.time for s in together], [s.recording.known("force")[:, a] for s in together]
         )
         sigma = max(sigma if np.isfinite(sigma) else 0.0, 1e-5 * float(ctx.drive[a]), 1e-9)
-        data = Data(logs[False], logs[True], sigma, dt)
+        data, test = Data(logs["train"], logs["choice"], sigma, dt), logs["test"]
         f = search_law(nominal, ctx, place, data, ids)
         if f.cov.size:
             late = timing_error(f.hypothesis.params(ctx), f.theta, float(nominal.opt.timestep))
             f = replace(f, cov=f.cov + np.diag(late**2))
-        before = residual(nominal, ctx, NOTHING, int(a), data.held, data) * sigma
-        after = residual(nominal, ctx, f, int(a), data.held, data) * sigma
+        before = residual(nominal, ctx, NOTHING, int(a), test, data) * sigma
+        after = residual(nominal, ctx, f, int(a), test, data) * sigma
         rms = (float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2))))
         out.errors[place.name] = rms
         out.excess[place.name] = (rms[0] / sigma) ** 2
@@ -217,7 +218,7 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         for term in parts:
             h = f.hypothesis.without(term)
             less = Fitted(h, h.gather(ctx, parts), np.zeros(0))
-            without = residual(nominal, ctx, less, int(a), data.held, data) * sigma
+            without = residual(nominal, ctx, less, int(a), test, data) * sigma
             out.drops[term] = 1.0 - rms[1] ** 2 / max(float(np.mean(without**2)), 1e-30)
     return out
 
@@ -225,22 +226,17 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
 def by_command(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> tuple[Prepared, Fitted]:
     """The machine driven by its commands rather than by measured forces, with what was found between the two: where
     nothing is missing on the mechanical side, only this shows what the correction changes."""
-    sources = []
-    for group in (p.train_sources, p.held_sources):
-        built = (
-            Source.build(
-                s.recording, s.states, clipped(plain, s.recording.known("ctrl")), late=plain.actuator_delay
-            )
-            for s in group
-        )
-        sources.append(tuple(built))
+
+    def by_its_commands(s: Source) -> Source:
+        command = clipped(plain, s.recording.known("ctrl"))
+        return Source.build(s.recording, s.states, command, late=plain.actuator_delay, spent=s.spent)
+
     model = compile_variable(drive_by_force(p.spec, np.zeros_like(p.measured)))
     sim = Simulator(model, found.ctx, threads=p.config.jobs)
     parts = {t: x for f in found.fits for t, x in f.hypothesis.split(found.ctx, f.theta).items()}
     hypothesis = Hypothesis.of(*parts)
     theta = hypothesis.gather(sim.ctx, parts)
     driven = replace(
-        p, model=sim.model, ctx=sim.ctx, sim=sim, train_sources=sources[0], held_sources=sources[1],
-        measured=np.zeros_like(p.measured),
-    )  # fmt: skip
+        p.mapped(by_its_commands), model=sim.model, ctx=sim.ctx, sim=sim, measured=np.zeros_like(p.measured)
+    )
     return driven, Fitted(hypothesis, theta, theta)

@@ -41,7 +41,7 @@ def freed(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
         plain: the nominal model. found: what its drives lack. Only plain motors are freed: the force of a servo, or of
             a motor with back-EMF, depends on a motion that is noisy too.
     """
-    groups = (p.train_sources, p.held_sources)
+    groups = (p.looked_at, p.test)
     changed = [list(group) for group in groups]
     known = np.zeros(plain.nu, bool)
     follow, unexplained = follows(plain), {at for entry in found.left for at in entry["at"]}
@@ -51,7 +51,7 @@ def freed(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
         if follow[a] or moving or not has_plain_law(plain, a) or p.names.actuators[a] in unexplained:
             continue
         errors = [[_error(s, plain, found, f, a) for s in group] for group in groups]
-        white = _white_noise([s for group in groups for s in group], [e for es in errors for e in es])
+        white = _white_noise(list(p.looked_at), errors[0])
         if white < SLIGHT * found.ctx.drive[a]:
             continue
         known[a] = True
@@ -60,7 +60,9 @@ def freed(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
                 sources[k] = _less(sources[k], a, error, white)
     if not known.any():
         return p
-    out = replace(p, train_sources=tuple(changed[0]), held_sources=tuple(changed[1]), known=known)
+    seen, test = changed
+    trained = len(p.train)
+    out = replace(p, train=tuple(seen[:trained]), choice=tuple(seen[trained:]), test=tuple(test), known=known)
     if _worse(p, out):
         return p
     names = ", ".join(p.names.actuators[a] for a in np.flatnonzero(known))
@@ -105,13 +107,13 @@ def _less(s: Source, a: int, error: Array, white: float) -> Source:
 
 def _worse(measured: Prepared, laws: Prepared) -> bool:
     """Whether windows of the machine as given are predicted clearly worse by the laws' forces."""
-    w = measured.windows(False, measured.config.decide_s, WINDOWS, seed=13)
+    w = measured.windows("train", measured.config.decide_s, WINDOWS, seed=13)
     if not w.count:
         return True
     h, theta = NOTHING.hypothesis, NOTHING.theta
     white = whitener(measured.sim, h, theta, w, measured.noise, temper=False)
     losses = [
         robust_loss(white.excess(white(measured.sim.residuals([Run(h, theta)], x))[0]))
-        for x in (w, w.driven_by(laws.train_sources))
+        for x in (w, w.driven_by(laws.train))
     ]
     return deviations(losses[1] - losses[0]) > WORSE

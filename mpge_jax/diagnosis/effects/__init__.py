@@ -7,6 +7,7 @@ from mpge_jax.diagnosis.effects import (
     drive,
     friction,
     inertia,
+    residual,
     sensor,
     world,
 )
@@ -43,6 +44,7 @@ __all__ = [
     "inertia",
     "nominal_context",
     "register",
+    "residual",
     "sensor",
     "world",
 ]

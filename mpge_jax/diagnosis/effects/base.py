@@ -12,6 +12,7 @@ Equations are written once, for NumPy and `jax.numpy` alike (`xp`), with any lea
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -191,7 +192,23 @@ class Effect:
         return f"{at} has {self.id.replace('_', ' ')} that the model lacks ({shown})."
 
 
-REGISTRY: dict[str, Effect] = {}
+class Registry(dict[str, "Effect"]):
+    """Effects by identifier.
+
+    Attributes:
+        families: of effects without number, by what their identifiers begin with: they are made from their identifiers
+            and are not listed.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.families: dict[str, Callable[[str], Effect]] = {}
+
+    def __missing__(self, name: str) -> Effect:
+        return self.families[name.partition(":")[0]](name)
+
+
+REGISTRY = Registry()
 
 
 def register(effect: type[Effect]) -> type[Effect]:

@@ -11,12 +11,13 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
 from mpge_jax.diagnosis.estimation.whitening import column_scale
+from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
 
 
-TRAIN, HELD = 40, 60
+MOST: dict[Part, int] = {"train": 40, "choice": 60, "test": 60}
 """Windows of the reported length on which errors are shown, at most."""
 CLEAR = 2.0
 """How many times the noise the usual window's error must be for its share that is left to mean anything."""
@@ -62,27 +63,14 @@ def _share(after: float, before: float, floor: float) -> float:
     return float(left / max(whole, 1e-12))
 
 
-def fit_report(p: Prepared, f: Fitted, held: bool) -> FitReport:
-    """Errors of the nominal model and of `f` on training or held-out recordings."""
-    w = p.windows(held, p.config.report_s, HELD if held else TRAIN, seed=1)
+def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
+    """Errors of the nominal model and of `f` on the recordings of one part."""
+    w = p.windows(part, p.config.report_s, MOST[part], seed=1)
     before = errors(p.sim, NOTHING, w)
     after = errors(p.sim, f, w) if f.hypothesis.terms else before
     scale = column_scale(p.noise, p.model)
     variance = noise_floor(p.sim, f, w, scale)
     return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())))
-
-
-def helps(held: FitReport) -> bool:
-    """Whether held-out windows of the reported length are predicted better, in the mean or more often than not.
-
-    The search judges in units of the noise, and mostly shorter windows: where the noise was underestimated, an effect
-    may win there that helps nobody. Where there is no effect, nothing is asked.
-    """
-    before, after = held.before, held.after
-    if before is after or not held.windows.count:
-        return True
-    oftener = (after.window < before.window).sum() > (after.window > before.window).sum()
-    return bool(after.rms < before.rms or oftener)
 
 
 def error_drops(p: Prepared, f: Fitted, held: FitReport) -> dict[Term, float]:
@@ -94,3 +82,12 @@ def error_drops(p: Prepared, f: Fitted, held: FitReport) -> dict[Term, float]:
         without = errors(p.sim, replace(f, hypothesis=h, theta=h.gather(p.ctx, parts)), held.windows).rms
         out[term] = float(1.0 - held.after.rms**2 / max(without**2, 1e-30))
     return out
+
+
+def left_out(gone: list[Term]) -> str:
+    """What is said of effects that do not help recordings which nothing was fitted to."""
+    listed = ", ".join(f"{t.name.replace('_', ' ')} at {t.place.name}" for t in gone)
+    return (
+        f"{listed}: some recordings speak for it, but others are not predicted better with it by more than chance; it "
+        "is left out."
+    )

@@ -126,7 +126,7 @@ def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int
 def _floor(prepared: Prepared, f: Fitted, shaken: Array, limit: int, finer: bool) -> Floor:
     sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
     # of all their rows: commands averaged over several would count as noise
-    w = prepared.windows(held=False, duration=SEGMENT, limit=limit, seed=5, samples=ALL)
+    w = prepared.windows("train", duration=SEGMENT, limit=limit, seed=5, samples=ALL)
     if not w.count or w.times.shape[1] < 14:
         return Floor()
     # the first row of a segment is that after the window's start
@@ -174,13 +174,13 @@ def force_noise(prepared: Prepared) -> Array:
     """
     out = np.zeros(prepared.measured.size)
     plain = compile_variable(prepared.spec)
-    times = [s.recording.time for s in prepared.train_sources]
+    times = [s.recording.time for s in prepared.train]
     noisy = prepared.measured if prepared.known is None else prepared.measured & ~prepared.known
     for a in map(int, np.flatnonzero(noisy)):
-        forces = [s.recording.known("force")[:, a] for s in prepared.train_sources]
+        forces = [s.recording.known("force")[:, a] for s in prepared.train]
         levels = [column_noise(times, forces)[0]]
-        if has_plain_law(plain, a) and all(s.recording.ctrl is not None for s in prepared.train_sources):
-            expected = [plain_force(plain, a, _arrived(s, a), s.states) for s in prepared.train_sources]
+        if has_plain_law(plain, a) and all(s.recording.ctrl is not None for s in prepared.train):
+            expected = [plain_force(plain, a, _arrived(s, a), s.states) for s in prepared.train]
             levels.append(column_noise(times, [f - e for f, e in zip(forces, expected, strict=True)])[0])
         finite = [x for x in levels if np.isfinite(x)]
         out[a] = min(finite, default=0.0)

@@ -120,7 +120,7 @@ def _recorded_again(
 
 def _sensor_noise(p: Prepared) -> Array:
     """Deviation [nu] of the measured forces' noise (NaN: not measured)."""
-    recordings = [s.recording for s in p.train_sources]
+    recordings = [s.recording for s in p.looked_at]
     out = np.full(p.model.nu, np.nan)
     for a in np.flatnonzero(p.measured):
         level, _ = column_noise([r.time for r in recordings], [r.known("force")[:, a] for r in recordings])

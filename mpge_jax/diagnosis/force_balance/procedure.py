@@ -47,14 +47,14 @@ class ForceDecision:
 
 
 def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
-    """Effects whose forces the training recordings need.
+    """Effects whose forces the recordings need, all but the test ones: parts choose what was fitted to the others.
 
     The search takes every effect as linear near a few starting values; the fit then moves them to where they belong,
     and the search goes on from there, until it stays with what it has.
     """
     terms = [t for t in all_terms(p.ctx, p.config.effects) if can_ask(t)]
     resolution = choose(p, [t for t in terms if t.id in PLAIN])
-    b = Balance.recorded(p, p.train_sources, ROWS, resolution)
+    b = Balance.recorded(p, p.looked_at, ROWS, resolution)
     say(f"{len(b.measured)} rows of measured force; {len(terms)} effects at their places are tried")
     bank = Bank.of(b, terms)
     chosen: Chosen = ()

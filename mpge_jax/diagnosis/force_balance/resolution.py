@@ -42,7 +42,7 @@ def choose(p: Prepared, terms: list[Term]) -> Resolution:
     def best(tried: Iterable[Resolution]) -> Resolution:
         chosen, least = Resolution(), np.inf
         for r in tried:
-            rows = tracks(p, p.train_sources, ROWS, r)
+            rows = tracks(p, p.looked_at, ROWS, r)
             error = _error(Bank.of(Balance.of(p.ctx, rows, replace(r, motion=np.inf)), terms))
             if error < least - BETTER:
                 chosen, least = r, error
@@ -71,7 +71,7 @@ def _error(bank: Bank) -> float:
 
 def _possible(p: Prepared) -> list[float]:
     """Frequencies of filters through which the measured forces may have come."""
-    forces = [(s.recording.known("force"), s.recording.time) for s in p.train_sources]
+    forces = [(s.recording.known("force"), s.recording.time) for s in p.looked_at]
     whole = [f[np.isfinite(f).all(1)] for f, _ in forces]
 
     def above(cutoff: float) -> float:

@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mpge_jax.diagnosis.dataset.given_motion import EDGE
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
-from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 
 Array = np.ndarray
-EDGE = 5
-"""Rows at either end of a recording, where its acceleration is known badly."""
 
 
 @dataclass(frozen=True)
@@ -58,17 +56,6 @@ class Track:
         q[:, column] = np.interp(later, self.time, self.q[:, column]) - offset
         v[:, dof], a[:, dof] = (np.interp(later, self.time, x[:, dof]) for x in (self.v, self.a))
         return replace(self, q=q, v=v, a=a)
-
-
-def motion_is_given(p: Prepared) -> bool:
-    """Whether the recordings hold forces and no commands, and the force can be computed from the motion: every joint's
-    acceleration is known (angular ones of ball and free joints are not estimated)."""
-    recordings = [s.recording for s in p.train_sources + p.held_sources]
-    if not p.measured.any() or any(r.ctrl is not None for r in recordings):
-        return False
-    if any(r.time.size <= 2 * EDGE or np.isnan(r.qpos).any() for r in recordings):
-        return False
-    return all(is_scalar(p.model, j) for j in range(p.model.njnt))
 
 
 def tracks(

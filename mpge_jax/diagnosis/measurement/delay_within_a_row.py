@@ -6,7 +6,7 @@ instants at which it may do so fit the rows alike. Which one it is moves the mac
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -56,8 +56,7 @@ def arriving(source: Source, delays: dict[int, float]) -> Source:
 def with_arrivals(p: Prepared, when: dict[int, Arrival]) -> Prepared:
     """The same machine with forces that begin between rows."""
     delays = {a: x.delay for a, x in when.items()}
-    train, held = (tuple(arriving(s, delays) for s in group) for group in (p.train_sources, p.held_sources))
-    return replace(p, train_sources=train, held_sources=held)
+    return p.mapped(lambda s: arriving(s, delays))
 
 
 def moved(old: dict[int, Arrival], new: dict[int, Arrival]) -> bool:
@@ -79,7 +78,7 @@ def arrivals(p: Prepared, f: Fitted, rows: dict[int, tuple[float, float]]) -> di
         return {}
     low, high = np.array(list(rows.values())).T
     middle, prior = 0.5 * (low + high), 12.0 / (high - low) ** 2
-    w = p.windows(False, p.config.decide_s, WINDOWS, seed=11)
+    w = p.windows("train", p.config.decide_s, WINDOWS, seed=11)
     if w.count < FEWEST:
         return {a: Arrival(x, s) for a, x, s in zip(rows, middle, prior**-0.5, strict=True)}
     white = whitener(p.sim, f.hypothesis, f.theta, w, p.noise)

@@ -45,17 +45,19 @@ LARGEST = 0.25
 """Zeros (rad; of slides, in lengths of the machine) above which something else is taken for them."""
 NEAR = 0.01
 """Share of a joint's travel within which it is at the end of it."""
+FIRST = 1 / 3
+"""Part of a test recording that tells its zeros."""
 SLIGHT, SHOWN = 0.1, 8
 """Share of a recording's largest zero below which one is not worth a word, and recordings that a warning lists."""
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Windows of R recordings with enough of them.
+    """Windows of R logs with enough of them.
 
     Attributes:
-        windows: of all of them. of: [W] to which of the R each belongs. train: [R] whether that is a training
-            recording. names: of the R. joints: J of them. columns: [J] of qpos, theirs.
+        windows: of all of them. of: [W] to which of the R each belongs. train: [R] whether parameters are fitted to
+            some of it. names: of the R. joints: J of them. columns: [J] of qpos, theirs.
     """
 
     windows: Windows
@@ -117,13 +119,16 @@ def other_zeros(p: Prepared, f: Fitted) -> dict[str, Array]:
 
 
 def with_zeros(p: Prepared, zeros: dict[str, Array]) -> Prepared:
-    """The same with the recordings' `other_zeros` taken off."""
+    """The same with the logs' `other_zeros` taken off; what told those of a test recording is spent."""
+    told = {s.recording.log for s in p.looked_at}
 
     def again(s: Source) -> Source:
-        return _less(s, zeros[s.recording.name]) if s.recording.name in zeros else s
+        if s.recording.log not in zeros:
+            return s
+        less = _less(s, zeros[s.recording.log])
+        return less if s.recording.log in told else less.rebuilt(spent=FIRST * s.recording.duration)
 
-    train, held = (tuple(map(again, group)) for group in (p.train_sources, p.held_sources))
-    return replace(p, train_sources=train, held_sources=held)
+    return p.mapped(again)
 
 
 def describe_zeros(p: Prepared, zeros: dict[str, Array]) -> str:
@@ -141,8 +146,8 @@ def describe_zeros(p: Prepared, zeros: dict[str, Array]) -> str:
         parts.append(f"{len(zeros) - SHOWN} more differ less")
     return (
         f"the encoders' zeros differ between recordings: {'; '.join(parts)}. Each is estimated from its own recording, "
-        "held-out ones too, and taken off it before anything is compared. It is no effect of the model; a load that "
-        "only some recordings had may look like it."
+        "of held-out ones from the first third, which they are then not judged by, and taken off it. It is no effect "
+        "of the model; a load that only some recordings had may look like it."
     )
 
 
@@ -158,23 +163,36 @@ def _with_plain(p: Prepared, f: Fitted) -> Fitted:
 
 def _joints(p: Prepared) -> list[Place]:
     """Joints with bearings whose position was measured in every recording."""
-    measured = np.all([~np.isnan(s.recording.qpos).any(0) for s in p.train_sources + p.held_sources], axis=0)
+    measured = np.all([~np.isnan(s.recording.qpos).any(0) for s in p.sources], axis=0)
     return [j for j in default_places(p.ctx, "joint") if measured[p.ctx.qadr(j)]]
 
 
 def _group(p: Prepared) -> _Group | None:
     """What recordings can be compared by."""
-    sources, joints = (*p.train_sources, *p.held_sources), _joints(p)
+    sources, joints = p.sources, _joints(p)
     rng = np.random.default_rng([p.config.seed, 29])
     w = cut(sources, p.model, p.noise, p.config.decide_s, WINDOWS, p.dt, rng)
-    w = w.take(~_at_stops(p, w))
-    those = np.flatnonzero(np.bincount(w.source, minlength=len(sources)) >= FEWEST)
-    train = those < len(p.train_sources)
-    if those.size < RECORDINGS or not train.any() or not joints:
+    w = w.take(~_at_stops(p, w) & _may_tell(p, w))
+    logs = np.array([s.recording.log for s in sources])[w.source] if w.count else np.zeros(0, str)
+    names = [n for n in dict.fromkeys(logs) if (logs == n).sum() >= FEWEST]
+    train = np.isin(names, [s.recording.log for s in p.train])
+    if len(names) < RECORDINGS or not train.any() or not joints:
         return None
-    w = w.take(np.isin(w.source, those))
-    names = tuple(sources[k].recording.name for k in those)
-    return _Group(w, np.searchsorted(those, w.source), train, names, joints, [p.ctx.qadr(j) for j in joints])
+    w, logs = w.take(np.isin(logs, names)), logs[np.isin(logs, names)]
+    of = np.array([names.index(n) for n in logs])
+    return _Group(w, of, train, tuple(map(str, names)), joints, [p.ctx.qadr(j) for j in joints])
+
+
+def _may_tell(p: Prepared, w: Windows) -> Array:
+    """Windows [W] that may be looked at for zeros: of test recordings those at the beginning, where no other stretch of
+    the log tells them."""
+    told = {s.recording.log for s in p.looked_at}
+    until = [
+        -np.inf if s.recording.log in told else s.recording.time[0] + FIRST * s.recording.duration
+        for s in w.sources
+    ]
+    early = w.start + w.times.max(1, initial=0.0) <= np.array(until)[w.source]
+    return (w.source < len(p.looked_at)) | early
 
 
 def _at_stops(p: Prepared, w: Windows) -> Array:

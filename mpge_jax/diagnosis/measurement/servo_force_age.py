@@ -32,7 +32,7 @@ def staleness(p: Prepared, servos: list[int]) -> float:
     """
     if len(servos) < FEWEST_SERVOS:
         return 0.0
-    w = p.windows(False, p.config.decide_s, WINDOWS, seed=9)
+    w = p.windows("train", p.config.decide_s, WINDOWS, seed=9)
     if w.count < 4:
         return 0.0
     white = whitener(p.sim, NOTHING.hypothesis, NOTHING.theta, w, p.noise, temper=False)

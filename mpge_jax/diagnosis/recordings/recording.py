@@ -36,6 +36,7 @@ class Recording:
         force: [T, nu] measured scalar actuator forces (NaN where not measured) or None.
         origin: s to add to `time` for the log's own clock.
         earlier: the same log up to the first row, where that is known.
+        part_of: name of the log of which this is a stretch; none of a whole one.
     """
 
     name: str
@@ -47,6 +48,12 @@ class Recording:
     warnings: tuple[str, ...] = field(default=(), compare=False)
     origin: float = 0.0
     earlier: Recording | None = field(default=None, compare=False, repr=False)
+    part_of: str = ""
+
+    @property
+    def log(self) -> str:
+        """Name of the whole log."""
+        return self.part_of or self.name
 
     def known(self, key: str) -> Array:
         """The array `qvel`, `ctrl` or `force`; NaN throughout where it was not recorded."""
@@ -74,6 +81,7 @@ def rows_of(r: Recording, rows: slice, name: str) -> Recording:
         r,
         earlier=rows_of(r, slice(0, first + 1), name) if first > 0 else r.earlier,
         name=name,
+        part_of=r.log,
         time=r.time[rows],
         qpos=r.qpos[rows],
         qvel=cut(r.qvel),

@@ -112,7 +112,7 @@ def estimate(
             warnings.append(f"recorded velocities of {', '.join(joints)} {why}")
             qvel_noise[unused] = np.inf
     noise = Noise(qpos_noise, qvel_noise, quanta)
-    return noise, _smooth_all(recordings, model, dofs, noise), warnings
+    return noise, smoothed(recordings, model, noise), warnings
 
 
 def _as_others(recordings: list[Recording], model: mujoco.MjModel, noise: Array, quanta: Array) -> None:
@@ -130,9 +130,9 @@ def _as_others(recordings: list[Recording], model: mujoco.MjModel, noise: Array,
                 noise[c] = max(np.nan_to_num(noise[c]), min(known) / np.sqrt(12))
 
 
-def _smooth_all(
-    recordings: list[Recording], model: mujoco.MjModel, dofs: dict[int, int], noise: Noise
-) -> list[States]:
+def smoothed(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -> list[States]:
+    """States along recordings whose noise is known."""
+    dofs = _dof_of_column(model)
     series: list[Series] = []
     owner: list[tuple[int, int, int]] = []
     states = []

@@ -161,7 +161,7 @@ def _unexplained(d: Result) -> str:
     u = d.unexplained
     if u is None:
         return ""
-    recordings = [s.recording for s in d.prepared.train_sources + d.prepared.held_sources]
+    recordings = [s.recording for s in d.prepared.sources]
     hidden = {r.name: r.origin - r.shown_origin for r in recordings}
     rows = [[escape(n), *(f"{t - hidden[n]:.2f}" for t in (a, b))] for n, a, b in u["intervals"]]
     return (

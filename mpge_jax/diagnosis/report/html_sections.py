@@ -20,7 +20,8 @@ RECORDINGS, LINES = 40, 60
 def given(d: Result) -> str:
     """The section of the page."""
     p = d.prepared
-    sources = [(s, "training") for s in p.train_sources] + [(s, "held out") for s in p.held_sources]
+    used = {"train": "training", "choice": "choosing effects", "test": "testing (held out)"}
+    sources = [(s, what) for part, what in used.items() for s in getattr(p, part)]
     rows = [_row(s, part) for s, part in sources[:RECORDINGS]]
     more = f"<p>And {len(sources) - RECORDINGS} more.</p>" if len(sources) > RECORDINGS else ""
     noise = column_scale(p.noise, p.model)[: p.model.nv]

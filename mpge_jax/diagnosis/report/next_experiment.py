@@ -42,7 +42,7 @@ def command_range(d: Result) -> tuple[Array, Array]:
     A recording that went one way only must not keep the proposal from turning back.
     """
     m = d.prepared.model
-    recorded = np.concatenate([s.command for s in d.prepared.train_sources])
+    recorded = np.concatenate([s.command for s in d.prepared.train])
     largest = np.abs(recorded).max(0) + 1e-6
     # the command of a position servo is a position: half as far again as recorded
     middle, half = recorded.mean(0), 0.75 * np.ptp(recorded, axis=0) + 1e-6
@@ -97,7 +97,7 @@ def design(d: Result, groups: Mapping[Term, list[Fitted]], path: Path) -> dict[s
         return None
     dt, rng = d.prepared.dt, np.random.default_rng([d.config.seed, 9])
     time = dt * np.arange(round(DURATION / dt))
-    q0 = d.prepared.train_sources[0].states.qpos[0]
+    q0 = d.prepared.train[0].states.qpos[0]
     tried = proposals(*command_range(d), time, rng)
     w = _windows(d, q0, np.array([command for _, command in tried]), dt)
     models = [_Linear(d, f, w) for f in fits]
@@ -203,7 +203,7 @@ def _inside_limits(d: Result, q0: Array, base: Array) -> Array:
 def _as_recorded(d: Result, q0: Array, base: Array) -> Array:
     """Samples [W, N] up to which every joint moved about as far and as fast as in the recordings."""
     m, out = d.prepared.model, np.isfinite(base).all(-1)
-    states = [s.states for s in d.prepared.train_sources]
+    states = [s.states for s in d.prepared.train]
     for j in range(m.njnt):
         if not is_scalar(m, j):
             continue

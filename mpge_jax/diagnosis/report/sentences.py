@@ -8,11 +8,13 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.residual import INPUTS
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import parameters
 from mpge_jax.diagnosis.estimation.quantities import clause, intervals, quantity
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
+from mpge_jax.diagnosis.residual.model import ResidualModel
 from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, candidates_of
 
 SEVERAL = 3
@@ -78,6 +80,8 @@ def explanation(d: Result) -> str:
             f"{100 * d.unexplained['share']:.0f} % of the squared error of the {d.unexplained['of']} that the model as "
             "given predicts."
         )
+    if d.residual is not None:
+        parts.append(_residual(d.residual, error_unit(d)))
     if not parts:
         parts.append(
             "Nothing is missing: the model predicts the recordings as well as the measurement noise allows."
@@ -90,6 +94,19 @@ def explanation(d: Result) -> str:
             "what is named."
         )
     return " ".join(parts)
+
+
+def _residual(r: ResidualModel, unit: str) -> str:
+    """What is left as functions, and what they do to recordings that they never saw."""
+    each = []
+    for f in r.functions:
+        of = _listed([INPUTS[a.input] for a in f.axes])
+        said = "" if f.formula is None else f" ({f.formula})"
+        each.append(f"at the {f.term.place.name}, of the {of}{said}")
+    return (
+        f"It is modelled all the same, as a smooth function {'; '.join(each)}: with it the error of held-out "
+        f"recordings {moves(r.before, r.after, unit)}."
+    )
 
 
 def _gain(d: Result) -> str:
@@ -152,8 +169,7 @@ def error_unit(d: Result) -> str:
     """Unit of the errors: of positions over all joints together or, where the motion is given, of forces."""
     m = d.prepared.model
     measured = [
-        not all(np.isnan(s.recording.qpos[:, q]).all() for s in d.prepared.train_sources)
-        for q in m.jnt_qposadr
+        not all(np.isnan(s.recording.qpos[:, q]).all() for s in d.prepared.train) for q in m.jnt_qposadr
     ]
     kinds = set(m.jnt_type[measured].tolist())
     if isinstance(d.held, ForceErrors):

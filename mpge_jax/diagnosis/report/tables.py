@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.estimation.intervals import number, parameters
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.sentences import error_unit, explanation, separation
+from mpge_jax.diagnosis.residual.model import ResidualModel
 from mpge_jax.diagnosis.verdict.location import locate
 from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, candidates_of
 
@@ -68,6 +69,7 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
         "unexplained": None
         if d.unexplained is None
         else {k: x for k, x in d.unexplained.items() if k != "of"},
+        "residual": None if d.residual is None else _residual(d.residual),
         "location": [{"at": a, "kind": k, "excess": number(e)} for a, k, e in locate(d)],
         "fit": {
             "unit": error_unit(d),
@@ -79,6 +81,20 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
         "warnings": d.warnings,
         "seed": d.config.seed,
         "versions": _versions(),
+    }
+
+
+def _residual(r: ResidualModel) -> dict[str, Any]:
+    """What is left as functions: where, of which inputs, in words, over which ranges, and what they do to test data."""
+    named = [f"{a.input}:{f.term.place.name}" for f in r.functions for a in f.axes]
+    ranges = [[number(a.low), number(a.high)] for f in r.functions for a in f.axes]
+    said = [f"{f.formula}, at the {f.term.place.name}" for f in r.functions if f.formula is not None]
+    return {
+        "at": [f.term.place.name for f in r.functions],
+        "inputs": named,
+        "formula": "; ".join(said) if len(said) == len(r.functions) else None,
+        "range": dict(zip(named, ranges, strict=True)),
+        "held_out": {"before": number(r.before), "after": number(r.after)},
     }
 
 
@@ -98,7 +114,7 @@ def _held_out(d: Result, f: Fitted) -> float | None:
 
 
 def _fit(d: Result, held: bool) -> dict[str, Any]:
-    sources = d.prepared.held_sources if held else d.prepared.train_sources
+    sources = d.prepared.test if held else d.prepared.looked_at
     before, after, noise = before_after_noise(d.held if held else d.train)
     return {
         "recordings": [s.recording.name for s in sources],
@@ -172,6 +188,17 @@ def effects_table(d: Result) -> dict[str, Any]:
         )
         if (file := own_effects.file_of(term.id)) is not None:
             rows[-1]["file"] = str(file)
+    for f in () if d.residual is None else d.residual.functions:
+        rows.append(
+            {
+                "id": f.term.name,
+                "form": f.term.id,
+                "at": f.term.place.name,
+                "kind": f.term.place.kind,
+                "parameters": {"values": _exact(f.theta)},
+                "native": False,
+            }
+        )
     if d.actuators is not None:
         has = {(t.id, t.place.name): ok for t, ok in native.items()}
         rows += [{**row, "native": has[row["form"], row["at"]]} for row in d.actuators.table]

@@ -11,6 +11,7 @@ from mpge_jax.diagnosis.estimation.screening import at_torque
 from mpge_jax.diagnosis.estimation.whitening import Whitener
 from mpge_jax.diagnosis.evidence.paired_gains import EVIDENCE, standard_error
 from mpge_jax.diagnosis.evidence.rigid_equivalence import same_body
+from mpge_jax.diagnosis.evidence.same_in_principle import same
 from mpge_jax.diagnosis.evidence.scored import TIE, Rival, Scored, hopeful, misses
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.selection.competition import KEEP_OF_MANY, SETTLED
@@ -66,16 +67,19 @@ def find_rivals(
         candidates = [t for t in s.terms if not _same(t, term) and compatible(base_h, t)]
         if many:
             here = _joints(ctx, term.place)
-            candidates = [t for t in candidates if here & _joints(ctx, t.place)]
+            candidates = [t for t in candidates if here & _joints(ctx, t.place) or same(ctx, term, t)]
         screened = s.screened(base, whites[0], candidates)
         fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
-        pool = [fitted.get(r.hypothesis, r) for r in screened[:keep]]
+        alike = {base_h.with_term(t) for t in candidates if same(ctx, term, t)}
+        pool = screened[:keep] + [r for r in screened[keep:] if r.hypothesis in alike]
+        pool = [fitted.get(r.hypothesis, r) for r in pool]
         fits = fit(s.sim, pool, *sample, iterations=2)
         if fits:
             # what comes near is judged on all windows, so it is fitted to them
             near = hopeful(fits, evaluate(s.sim, [base], *sample)[0].loss)
             if many:
                 near = [f for f in near if not _contains(f, base_h, term)][:1]
+            near += [f for f in fits if f.hypothesis in alike - {x.hypothesis for x in near}]
             nearest = {f.hypothesis for f in near}
             far = [f for f in fits if f.hypothesis not in nearest]
             fits = [*fit(s.sim, near, s.train, whites[0], iterations=1 if many else 3), *far]
@@ -195,6 +199,10 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
         )
     if same_body(s.sim.ctx, term, other):
         return Rival(other, rival.fit, margin, error, "it is the same rigid body under another name")
+    if same(s.sim.ctx, term, other) and told_apart:
+        return Rival(
+            other, rival.fit, margin, error, "no recording of this machine can tell the two apart", tied=True
+        )
     if _contains(rival.fit, best.fit.hypothesis.without(term), term):
         why = f"it contains {term.name.replace('_', ' ')} as a special case and gains nothing by its further parameters"
         return Rival(other, rival.fit, margin, error, why)

@@ -27,7 +27,7 @@ def fingerprint(p: Prepared) -> str:
     """Changes with the model, the recordings, the settings and the user's own effects."""
     digest = hashlib.sha256(repr(p.config).encode())
     digest.update(p.spec.to_xml().encode() + own_effects.contents())
-    for source in p.train_sources + p.held_sources:
+    for source in p.sources:
         r = source.recording
         digest.update(r.name.encode())
         for array in (r.time, r.qpos, r.qvel, source.command):

@@ -9,12 +9,13 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.evolution_strategy import polished
-from mpge_jax.diagnosis.evidence.held_out_error import FitReport, fit_report, helps
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport, left_out
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined, with_timestep_error
+from mpge_jax.diagnosis.selection.confirmation import confirmed
 from mpge_jax.diagnosis.selection.forward_selection import search
 from mpge_jax.diagnosis.selection.remainder import Remainder, remainder
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -30,34 +31,43 @@ EXCHANGES = 2
 
 @dataclass(frozen=True)
 class Decision:
-    """Effects as they are reported, with rivals by term, held-out errors, the noise's floor and what is left."""
+    """Effects with rivals by term, the noise's floor and what is left."""
 
     fit: Fitted
     rivals: dict[Term, list[Rival]]
-    held: FitReport
     noise: Floor
     left: Remainder | None
 
 
 def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
-    """Search, once more in longer windows if that finds nothing, refine, and keep only what helps."""
+    """Search, once more in longer windows if that finds nothing, keep what recordings that chose nothing of the fit are
+    predicted better with, and refine that on all that may be looked at."""
     c = p.config
     f, rivals = _settle(s, *search(s))
     noise, left = _left(p, s, f)
     if not f.hypothesis.terms and left is None:
         f, rivals = _look_again(p, s, say)
         noise, left = _left(p, s, f) if f.hypothesis.terms else (noise, left)
+    f, _, gone = confirmed(p, s, f, "choice")
+    if gone:
+        p.warnings.append(left_out(gone))
+        rivals = {t: r for t, r in rivals.items() if t in f.hypothesis.terms}
+        noise, left = _left(p, s, f)
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
     if f.theta.size and left is None and c.report_s > c.decide_s and not s.sim.rugged(f.hypothesis):
         say("refining parameters")
-        f = refined(s, f, p.windows(False, c.report_s, REFINED))
-    held = fit_report(p, f, held=True)
-    if not helps(held):
-        s.log.append(f"dropped: {f.hypothesis} predicts held-out recordings no better")
-        f, rivals = NOTHING, {}
-        held = fit_report(p, f, held=True)
-        noise, left = _left(p, s, f)
-    return Decision(f, rivals, held, noise, left)
+        f = refined(s, f, p.all_to_train().windows("train", c.report_s, REFINED))
+    return Decision(f, rivals, noise, left)
+
+
+def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport]:
+    """What was found, without what the test recordings are predicted no better with; and the errors there."""
+    f, report, gone = confirmed(p, s, found.fit, "test")
+    if not gone:
+        return found, report
+    p.warnings.append(left_out(gone))
+    rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
+    return Decision(f, rivals, *_left(p, s, f)), report
 
 
 def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, Remainder | None]:

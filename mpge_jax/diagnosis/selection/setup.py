@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.estimation.whitening import whitener
 from mpge_jax.diagnosis.evidence.null_distribution import floor, force_noise
+from mpge_jax.diagnosis.recordings.three_parts import PARTS
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.informative_windows import telling_windows
@@ -29,7 +30,7 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
     """A search that decides by windows of a length (s)."""
     c = p.config
     train, typical = _training_windows(p, length)
-    held = p.windows(True, length, c.held_windows)
+    held = p.windows("choice", length, c.choice_windows)
     p.sim.stride = stride(p.sim, train)
     sides = {"mechanical", "sensor"} if p.measured.all() and p.measured.size else None
     terms = [t for t in all_terms(p.ctx, c.effects, sides) if t.effect.simulated]
@@ -45,7 +46,7 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
 
 def _training_windows(p: Prepared, length: float) -> tuple[Windows, int]:
     """Windows to fit, and how many of them were drawn at random (the first ones)."""
-    pool = p.windows(False, length, POOL * p.config.train_windows)
+    pool = p.windows("train", length, POOL * p.config.train_windows)
     if pool.count <= p.config.train_windows:
         return pool, pool.count
     nothing = Hypothesis()
@@ -63,18 +64,18 @@ def _visible(p: Prepared, term: Term, w: Windows) -> bool:
     if term.id == "sensor_delay" and np.median(w.seen.sum(1)) < FEWEST_ROWS:
         return False
     column = p.ctx.qadr(term.place)
-    return any(not np.isnan(s.recording.qpos[:, column]).all() for s in p.train_sources)
+    return any(not np.isnan(s.recording.qpos[:, column]).all() for s in p.train)
 
 
 def check_windows(p: Prepared, s: Search) -> None:
     """Raises InputError where the recordings hold too few windows to decide by or to report on."""
     c = p.config
-    report = [p.windows(held, c.report_s, 1).count for held in (False, True)]
-    for length, train, held, least in (
-        (c.decide_s, s.train.count, s.held.count, 2),
-        (c.report_s, *report, 1),
-    ):
-        if train < least or held < 1:
+    report = [p.windows(part, c.report_s, 1).count for part in PARTS]
+    deciding = [s.train.count, s.held.count, p.windows("test", c.decide_s, 1).count]
+    for length, counts, least in ((c.decide_s, deciding, (2, 1, 1)), (c.report_s, report, (1, 1, 1))):
+        if any(n < k for n, k in zip(counts, least, strict=True)):
+            train, choice, test = counts
             raise InputError(
-                f"the recordings hold only {train} training and {held} held-out windows of {length} s; record longer."
+                f"the recordings hold only {train} windows of {length} s to train on, {choice} to choose by and {test} "
+                "to test with; record longer."
             )

@@ -200,7 +200,9 @@ def cut(
 ) -> Windows:
     """Cut at most `limit` windows of `duration` seconds with at most `max_samples` rows, spread over all recordings."""
     found = [
-        (i, a, b) for i, s in enumerate(sources) for a, b in _spans(s.recording, duration, settling(s, model))
+        (i, a, b)
+        for i, s in enumerate(sources)
+        for a, b in _spans(s.recording, duration, max(settling(s, model), s.spent))
     ]
     if len(found) > limit:
         keep = np.sort(rng.permutation(len(found))[:limit])
@@ -239,7 +241,7 @@ def cut(
             qvel[k, :m] = r.qvel[inside]
         command[k] = s.mean_command(r.time[a] + dt * np.arange(-before, steps + 1))
         q0[k], v0[k] = s.states.qpos[a], s.states.qvel[a]
-        root[k] = _cholesky(s.states.cov[a])
+        root[k] = factors(s.states.cov[a])
         act0[k] = held[i][a]
     qvel[:, :, ~np.isfinite(noise.qvel)] = np.nan
     source = np.array([i for i, _, _ in found], dtype=int)
@@ -249,7 +251,7 @@ def cut(
     )  # fmt: skip
 
 
-def _cholesky(cov: Array) -> Array:
+def factors(cov: Array) -> Array:
     """Lower factors [nv, 2, 2] of 2 x 2 covariances, tolerant of singular ones."""
     a = np.sqrt(np.maximum(cov[:, 0, 0], 1e-18))
     b = cov[:, 1, 0] / a

@@ -11,18 +11,19 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
+from mpge_jax.diagnosis.evidence.held_out_error import left_out
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
+from mpge_jax.diagnosis.force_balance.bank import Bank
 from mpge_jax.diagnosis.force_balance.force_errors import ROWS, ForceErrors, errors_of, force_errors, rms
 from mpge_jax.diagnosis.force_balance.force_search import SURE
 from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, fitted
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
-from mpge_jax.diagnosis.verdict.remainder_description import in_words
+from mpge_jax.diagnosis.residual.forces import residual_of_forces
+from mpge_jax.diagnosis.verdict.remainder_description import SLIGHT, in_words
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
-SLIGHT = 0.02
-"""Share of the squared error below which what is left leaves the verdict as it is."""
 NOISE, FINE = 1.5, 0.01
 """Error of a force over that of noise, and over the force itself, up to which nothing is left."""
 BEYOND = 1.0
@@ -36,18 +37,20 @@ RIVALS = 3
 def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) -> Result:
     """The verdict on what was found in the training recordings, by forces that nothing was fitted to."""
     say("judging what is left")
-    fit, held, needless = _confirmed(p, found)
+    resolution = found.balance.resolution
+    test = Balance.recorded(p, p.test, ROWS, resolution)
+    fit, needless = _confirmed(found.search.bank, found.fit, test)
+    held = errors_of(p, p.test, test, fit)
     if needless:
-        p.warnings.append(
-            f"{_listed(needless)}: the training recordings speak for it, but other recordings are not predicted better "
-            "with it by more than chance; it is left out."
-        )
-    train = force_errors(p, p.train_sources, found.balance.resolution, fit)
+        p.warnings.append(left_out(needless))
+    train = force_errors(p, p.looked_at, resolution, fit)
     rivals = {t: _rivals(found, fit, t) for t in fit.hypothesis.terms}
     real, share = _left(held)
-    unexplained = None
+    unexplained, residual = None, None
     if real and (share > SLIGHT or not fit.hypothesis.terms):
         unexplained = _describe(p, held, share)
+        say("modelling what is left")
+        residual = residual_of_forces(p, found.balance, fit, unexplained["at"], held)
     if unexplained is not None:
         verdict = "unexplained"
     elif any(r.tied for each in rivals.values() for r in each):
@@ -58,26 +61,28 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     return Result(
         verdict, p, fit, rivals, drops, train, held, _location(p, train), unexplained,
         list(dict.fromkeys(p.warnings)), p.config, found.search.log,
-        remainder=share if real and unexplained is None else 0.0,
+        remainder=share if real and unexplained is None else 0.0, residual=residual,
     )  # fmt: skip
 
 
-def _confirmed(p: Prepared, found: ForceDecision) -> tuple[Fitted, ForceErrors, list[Term]]:
-    """The fit without the effects by which unseen forces are not predicted better, with its errors there; and those
-    effects. One is taken away at a time, as others may stand in for it."""
-    b = Balance.recorded(p, p.held_sources, ROWS, found.balance.resolution)
-    fit = found.fit
+def _confirmed(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]:
+    """The fit without the effects by which the forces of `b` are not predicted better, and those effects. One is taken
+    away at a time, as others may stand in for it.
+
+    Args:
+        bank: regression of the recordings to which the others are fitted again. b: forces that nothing was fitted to.
+    """
     needless: list[Term] = []
     while True:
-        parts = fit.hypothesis.split(p.ctx, fit.theta)
+        parts = fit.hypothesis.split(b.ctx, fit.theta)
         left = b.predicted(parts) - b.measured
         gains = {t: _gain(b, _without(b, parts, t) - b.measured, left) for t in parts}
         sure = {t: gain / max(error, 1e-300) for t, (gain, error) in gains.items()}
         if not sure or min(sure.values()) > BEYOND:
-            return fit, errors_of(p, p.held_sources, b, fit), needless
+            return fit, needless
         worst = min(sure, key=lambda t: sure[t])
         needless.append(worst)
-        fit = fitted(found.search.bank, {t: x for t, x in parts.items() if t != worst})
+        fit = fitted(bank, {t: x for t, x in parts.items() if t != worst})
 
 
 def _without(b: Balance, parts: dict[Term, Array], term: Term) -> Array:
@@ -177,9 +182,7 @@ def _moments(p: Prepared, e: ForceErrors) -> list[list[Any]]:
     """Stretches of time in which most is left: [recording, from, to] in s."""
     b = e.balance
     left = np.nansum(((e.corrected - b.measured) / e.size) ** 2, 1)
-    time = np.concatenate(
-        [t.time + s.recording.origin for t, s in zip(b.tracks, p.held_sources, strict=True)]
-    )
+    time = np.concatenate([t.time + s.recording.origin for t, s in zip(b.tracks, p.test, strict=True)])
     name = [t.name for t in b.tracks for _ in t.time]
     total = np.bincount(b.block, left)
     out = []
@@ -197,7 +200,3 @@ def _location(p: Prepared, train: ForceErrors) -> list[tuple[str, str, float]]:
         key = (p.names.driven_by(p.model, a), "joint" if is_joint_transmission(p.model, a) else "actuator")
         out[key] = max(out.get(key, 0.0), float(ratio[a]))
     return sorted(((n, k, r) for (n, k), r in out.items()), key=lambda row: -row[2])
-
-
-def _listed(terms: list[Term]) -> str:
-    return ", ".join(f"{t.name.replace('_', ' ')} at {t.place.name}" for t in terms)

@@ -19,19 +19,21 @@ from mpge_jax.diagnosis.estimation.whitening import (
     numerics,
     whitener,
 )
+from mpge_jax.diagnosis.evidence.held_out_error import MOST as WINDOWS
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, error_drops, fit_report
+from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.selection.procedure import Decision
-from mpge_jax.diagnosis.selection.remainder import Remainder
+from mpge_jax.diagnosis.selection.remainder import leaves
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.verdict.location import by_joint
-from mpge_jax.diagnosis.verdict.remainder_description import describe
+from mpge_jax.diagnosis.verdict.remainder_description import SLIGHT, describe
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
-LEFT = 0.1
-"""Share of the nominal model's error (rms beyond noise) that counts as structure."""
+FAR = 3.0
+"""Times what noise leaves from which on an error is not nothing, whatever the search found."""
 SURE, MOST = 6.0, 3.0
 """Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
 they may be."""
@@ -41,23 +43,6 @@ NUMERICS = {
     INTEGRATOR: "the recordings move as with another integrator than the model's",
 }
 """What is said of `numerics` where they are seen; of Runge-Kutta the first is another integrator too."""
-
-
-def what_is_left(p: Prepared, left: Remainder, held: FitReport, corrected: bool) -> dict[str, Any] | None:
-    """The `unexplained` entry of a diagnosis, where what is left matters.
-
-    Args:
-        left: of the fit to the decision's windows. held: errors with the effects as reported. corrected: whether any
-            effect was found.
-    """
-    beyond = held.left(p.sim.rugged(left.fit.hypothesis)) if corrected else 1.0
-    if beyond < LEFT:
-        p.warnings.append(
-            f"a remainder of {100 * beyond:.1f} % of the error is more than noise (friction law, timestep or "
-            "integrator differ in detail); it does not change what is named."
-        )
-        return None
-    return describe(p, left, beyond**2)
 
 
 def together(entries: list[dict[str, Any] | None]) -> dict[str, Any] | None:
@@ -106,26 +91,41 @@ def note_numerics(p: Prepared, f: Fitted, w: Windows) -> None:
 
 
 def judge(
-    p: Prepared, plain: mujoco.MjModel, s: Search, found: Decision, drives: ActuatorSide | None
+    p: Prepared,
+    plain: mujoco.MjModel,
+    s: Search,
+    found: Decision,
+    held: FitReport,
+    drives: ActuatorSide | None,
 ) -> Result:
     """The verdict on what was found of the machine and of its drives.
 
     Args:
-        plain: the nominal model. s: the search that decided. drives: None where no force was measured.
+        plain: the nominal model. s: the search that decided. held: errors on test recordings. drives: None where no
+            force was measured.
     """
-    shown, held, ratio = (p, found.fit), found.held, found.noise.ratio
+    shown, ratio = (p, found.fit), found.noise.ratio
     corrected = bool(found.fit.hypothesis.terms)
     if drives is not None and drives.fits:
         if not corrected:
             shown = by_command(p, plain, drives)
             # no measured force, and no noise of one, drives this machine
             ratio = min(ratio, 1.0)
-            held = fit_report(*shown, held=True)
+            held = fit_report(*shown, "test")
         corrected = True
-    train, held = (r.above(ratio) for r in (fit_report(*shown, held=False), held))
-    unexplained = None if found.left is None else what_is_left(p, found.left, held, corrected)
+    train, held = (r.above(ratio) for r in (fit_report(*shown, "train"), held))
+    left, share = found.left, 0.0
+    if not corrected and left is None and held.before.rms > FAR * held.floor:
+        left = leaves(s, found.fit)
+    if left is not None:
+        share = held.left(p.sim.rugged(left.fit.hypothesis)) ** 2 if corrected else 1.0
+    unexplained, residual = None, None
+    if left is not None and share > SLIGHT:
+        unexplained = describe(p, left, share)
+        s.say("modelling what is left")
+        residual = residual_of_motion(p, s, found.fit, unexplained["at"], held)
     if unexplained is None:
-        note_numerics(p, found.fit, found.held.windows)
+        note_numerics(p, found.fit, p.windows("choice", p.config.report_s, WINDOWS["choice"], seed=1))
     if drives is not None:
         unexplained = together([unexplained, *drives.left])
     drop = error_drops(p, found.fit, held)
@@ -150,4 +150,6 @@ def judge(
         p.config,
         s.log,
         drives,
+        remainder=share if unexplained is None else 0.0,
+        residual=residual,
     )

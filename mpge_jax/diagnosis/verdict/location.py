@@ -75,11 +75,11 @@ def _base(p: Prepared) -> dict[str, float]:
     """Ratios of the joints that place a floating base in the world."""
     m = p.model
     joints = floating_base_joints(m)
-    recordings = [s.recording for s in p.train_sources]
+    recordings = [s.recording for s in p.train]
     seen = [j for j in joints if not any(np.isnan(r.qpos[:, m.jnt_qposadr[j]]).all() for r in recordings)]
     if not seen:
         return {}
-    w = p.windows(False, p.config.decide_s, p.config.train_windows)
+    w = p.windows("train", p.config.decide_s, p.config.train_windows)
     white = whitener(p.sim, NOTHING.hypothesis, NOTHING.theta, w, p.noise, temper=False)
     ratio, _ = excess_by_dof(p.sim, NOTHING, w, white)
     return {p.names.joints[j]: float(max(ratio[m.dof_jntid == j])) for j in sorted(seen)}

@@ -15,6 +15,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
+from mpge_jax.diagnosis.residual.model import ResidualModel
 
 
 @dataclass(frozen=True)
@@ -25,11 +26,12 @@ class Result:
         verdict: "effects", "ambiguous", "unexplained" or "none".
         fit: the chosen effects with parameters and covariances. rivals: alternatives by term.
         error_drop: share of the held-out squared error that goes with each term, the others kept.
-        train, held: errors before and after; of forces where the motion is given and
-        they are predicted, else of motion. location: (place, kind, excess), largest first.
+        train, held: errors before and after on training and on test recordings; of forces where the motion is given
+        and they are predicted, else of motion. location: (place, kind, excess), largest first.
         unexplained: what is left, or None. actuators: what was found between command and measured force.
         log: what was tried, line by line. seconds: how long it took. model: file of the nominal model, if it had one.
         remainder: share of the held-out squared error that is more than noise, and too slight to change the verdict.
+        residual: what is left as functions, where these make test recordings better predicted.
     """
 
     verdict: str
@@ -47,6 +49,7 @@ class Result:
     actuators: ActuatorSide | None = None
     seconds: float = 0.0
     remainder: float = 0.0
+    residual: ResidualModel | None = None
     model: Path | None = None
 
     @property

@@ -47,7 +47,7 @@ def test_a_servos_force_is_no_staircase():
 def test_a_servos_force_is_no_staircase_where_measurements_are_the_states(monkeypatch):
     model = mujoco.MjModel.from_xml_string(SERVO)
     recordings, felt = [], []
-    for k in range(3):
+    for k in range(4):
         data, rows, time = mujoco.MjData(model), [], 0.02 * np.arange(120)
         for t in time:
             data.ctrl[:] = np.sin(3.0 * t + k)
@@ -60,11 +60,12 @@ def test_a_servos_force_is_no_staircase_where_measurements_are_the_states(monkey
         recordings.append(Recording(f"run_{k}", time, q, v, u, f))
     monkeypatch.setattr(preparation, "is_coarse", lambda *_: True)
     monkeypatch.setattr(preparation, "bound", lambda *args: dataclasses.replace(args[2], direct=True))
-    source = prepared_of(SERVO, recordings).train_sources[0]
+    source = prepared_of(SERVO, recordings).train[0]
     force = source.recording.force
     np.testing.assert_array_equal(source.states.qpos, source.recording.qpos)
-    # of the first recording, which is not held out; the last row lasts for no time
-    actual = 0.02 * np.mean(np.reshape(felt, (3, 120, 10))[0, :-1], axis=1)
+    # the last row lasts for no time
+    mine = int(source.recording.name.removeprefix("run_"))
+    actual = 0.02 * np.mean(np.reshape(felt, (4, 120, 10))[mine, :-1], axis=1)
     straight = 0.02 * 0.5 * (force[:-1, 0] + force[1:, 0])
     error, error_of_line = (np.abs(x - actual).max() for x in (np.diff(source.integral[:, 0]), straight))
     assert error < 0.2 * error_of_line

@@ -53,7 +53,7 @@ def test_back_emf_is_read_from_measured_forces_on_a_jittered_clock(jitter):
     assert [e["id"] for e in found.effects] == ["back_emf"]
     assert found.effects[0]["parameters"]["coefficient"]["value"] == pytest.approx(coefficient, rel=0.02)
     # between rows, the integral of the measured force follows the speed and keeps the steps of the command
-    source = with_drives(p, plain, *found.between_rows(plain)).train_sources[0]
+    source = with_drives(p, plain, *found.between_rows(plain)).train[0]
     r, steps = source.recording, np.diff(source.recording.time)
     follows = (r.force - r.ctrl)[:, 0]
     mean = r.ctrl[:-1, 0] + 0.5 * (follows[:-1] + follows[1:])

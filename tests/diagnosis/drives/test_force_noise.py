@@ -52,7 +52,7 @@ def test_a_noisy_measurement_gives_way_to_the_law(gain):
     p, out = _freed(_recordings(sensor=NOISE, gain=gain))
     assert out.known is not None and out.known.tolist() == [True]
     assert force_noise(p)[0] == pytest.approx(NOISE, rel=0.2) and force_noise(out)[0] == 0.0
-    for s in out.train_sources:
+    for s in out.train:
         # the gain was fitted to a thousand rows
         np.testing.assert_allclose(s.command, gain * s.recording.known("ctrl"), atol=0.2 * NOISE)
 
@@ -70,7 +70,7 @@ def test_forces_without_noise_stay_as_measured():
 def test_a_stretch_in_which_the_law_does_not_hold_stays_as_measured():
     _, out = _freed(_recordings(sensor=NOISE, more=slice(200, 225)))
     assert out.known is not None
-    for s in (*out.train_sources, *out.held_sources):
+    for s in (*out.train, *out.test):
         if s.recording.name == "run_0":
             np.testing.assert_array_equal(s.command[200:225], s.recording.known("force")[200:225])
         else:

@@ -129,8 +129,8 @@ def test_the_age_of_servo_forces_is_told_from_damping_that_one_joint_lacks(step)
     assert staleness(p, [0, 1, 2, 3]) == pytest.approx(step / 2, abs=1e-4 + 0.1 * step)
     assert staleness(p, [0, 1]) == 0.0
     nominal = ActuatorSide(p.ctx).between_rows(plain)
-    late = with_drives(p, plain, *nominal, age={0: 0.002}).train_sources[0]
-    np.testing.assert_array_equal(late.integral[:, 1:], p.train_sources[0].integral[:, 1:])
+    late = with_drives(p, plain, *nominal, age={0: 0.002}).train[0]
+    np.testing.assert_array_equal(late.integral[:, 1:], p.train[0].integral[:, 1:])
     t, smooth = late.recording.time, late.smooth[:, 0]
     # 8 ms into the row before, where the force bends away from a straight line
     before = np.interp(t - 0.002, t, smooth) - np.append(0.0, 0.5 * 0.008 * 0.002 * late.bend[:, 0])
@@ -163,7 +163,7 @@ def test_a_servo_that_was_found_to_differ_jumps_as_it_does(change):
     plain = compile_variable(p.spec)
     found = diagnose_actuators(p, plain, [i for i in REGISTRY if i.partition(":")[0] == change])
     assert found is not None and [e["id"] for e in found.effects] == [change]
-    again = with_drives(p, plain, *found.between_rows(plain)).train_sources[0]
+    again = with_drives(p, plain, *found.between_rows(plain)).train[0]
     r = again.recording
     nominal = servo_jumps(r, again.states, plain)
     if change == "actuator_gain":
@@ -184,7 +184,7 @@ def test_a_late_servos_force_jumps_elsewhere():
     plain = compile_variable(p.spec)
     term = Term("actuator_delay", Place("actuator", "servo", 0))
     late = ActuatorSide(p.ctx, fits=[Fitted(Hypothesis.of(term), np.array([0.004]), np.zeros(1))])
-    source = p.train_sources[0]
+    source = p.train[0]
     assert np.abs(ActuatorSide(p.ctx).between_rows(plain)[1](source).jumps).max() > 0.1
     assert not late.between_rows(plain)[1](source).jumps.any()
 

@@ -168,7 +168,7 @@ def test_late_commands_have_moved_filters_before_a_window_begins(effect, paramet
     spec = mujoco.MjSpec.from_string(xml)
     plain = compile_variable(spec)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    w = p.windows(False, 0.25, 30)
+    w = p.windows("train", 0.25, 30)
     term = Term(effect, Place("actuator", "motor", 0))
     runs = [Run(Hypothesis.of(term), np.array([T])) for T in (0.03, 0.045, 0.015)] + [
         Run(Hypothesis(), np.zeros(0))

@@ -30,7 +30,7 @@ def sliding():
 
 def test_drag_of_a_body_is_sized_by_how_fast_that_body_moves(sliding):
     s, p = sliding
-    speeds = np.concatenate([np.linalg.norm(x.states.qvel, axis=1) for x in p.train_sources])
+    speeds = np.concatenate([np.linalg.norm(x.states.qvel, axis=1) for x in p.train])
     assert p.ctx.body_speed[1] == pytest.approx(np.sqrt((speeds**2).mean()), rel=0.15)
     term = next(t for t in s.terms if t.id == "quadratic_drag" and t.place.kind == "body")
     assert term.params(p.ctx)[0].scale == pytest.approx(0.1 * p.ctx.weight / p.ctx.body_speed[1] ** 2)
@@ -110,7 +110,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     for seed in range(12):
         s, p = search_of(PENDULUM, record(PENDULUM, 0.8, change=change, noise=1e-3, seed=seed))
         near, _ = final_fit(s, fitted(s, {t: [v] for t, v in true.items()}))
-        f = refined(s, near, p.windows(False, p.config.report_s, 60))
+        f = refined(s, near, p.windows("train", p.config.report_s, 60))
         for t, part in zip(f.hypothesis.terms, f.hypothesis.slices(s.sim.ctx), strict=True):
             half = 1.96 * np.sqrt(f.cov[part, part][0, 0])
             held += abs(f.theta[part][0] - true[t]) < half

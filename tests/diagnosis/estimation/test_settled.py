@@ -35,7 +35,7 @@ def _windows(xml: str, **reality) -> tuple[Prepared, Windows]:
     plain = compile_variable(spec)
     recordings = record(xml, 0.5, seconds=3.0, noise=1e-3, **reality)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
-    return p, p.windows(False, p.config.decide_s, 40)
+    return p, p.windows("train", p.config.decide_s, 40)
 
 
 def _excess(p: Prepared, w: Windows) -> np.ndarray:

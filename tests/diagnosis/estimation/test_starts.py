@@ -102,16 +102,16 @@ def test_what_a_run_predicts_does_not_depend_on_its_company(elastic):
 
 def test_a_gap_ends_what_is_followed(elastic):
     source = elastic.train.sources[0]
-    kept = np.r_[0:60, 120:200]
+    kept = np.r_[0:40, 70 : source.recording.time.size]
     r, s = source.recording, source.states
     recording = Recording("cut", r.time[kept], r.qpos[kept], None, r.ctrl[kept])
     states = States(s.qpos[kept], s.qvel[kept], s.qacc[kept], s.cov[kept])
     w = cut((Source.build(recording, states, source.command[kept]),), elastic.sim.model, elastic.noise,
             0.25, 99, 0.002, np.random.default_rng(0))  # fmt: skip
     _, _, ago = w.before(0, 0)
-    after = w.start > 1.19
-    assert after.any() and (ago[after].max(1) == pytest.approx(w.start[after] - 1.2))
-    assert ago[~after].max() <= 0.6
+    after = w.start > 0.69
+    assert after.any() and (ago[after].max(1) == pytest.approx(w.start[after] - 0.7))
+    assert ago[~after].max() <= 0.4
 
 
 def test_motion_before_a_window_ends_where_the_window_starts(elastic):

@@ -132,7 +132,7 @@ def test_a_fit_among_impacts_follows_slopes_over_longer_differences(start, monke
     way, over the usual difference."""
     p = prepared_of(BOX, record(BOX, 1.0))
     assert p.ctx.contacts
-    w = p.windows(False, p.config.decide_s, 10)
+    w = p.windows("train", p.config.decide_s, 10)
     term = Term("viscous_damping", find_place(p.ctx, REGISTRY["viscous_damping"], "x"))
     scale = term.params(p.ctx)[0].scale
 

@@ -29,7 +29,7 @@ def shifted(recordings: list[Recording], zeros: dict[int, list[float]]) -> list[
 
 @pytest.fixture(scope="module")
 def runs() -> list[Recording]:
-    return record(ARM, SIZE, count=5)
+    return record(ARM, SIZE, count=5, seconds=5.0)
 
 
 def test_the_usual_zero_is_the_models_where_the_zeros_lie_around_it():
@@ -45,10 +45,15 @@ def test_zeros_of_single_recordings_are_found(runs):
     for k, value in zeros.items():
         assert found[f"run_{k}"] == pytest.approx(value, abs=2e-3)
     less = with_zeros(p, found)
-    true = {r.name: r.qpos for r in runs}
-    for s in (*less.train_sources, *less.held_sources):
-        np.testing.assert_allclose(s.recording.qpos, true[s.recording.name], atol=2e-3)
-        np.testing.assert_allclose(s.states.qpos, true[s.recording.name], atol=3e-3)
+    true = {r.name: (r.time, r.qpos) for r in runs}
+    for s in less.sources:
+        time, qpos = true[s.recording.log]
+        rows = np.searchsorted(time, s.recording.time - 1e-9)
+        np.testing.assert_allclose(s.recording.qpos, qpos[rows], atol=2e-3)
+        np.testing.assert_allclose(s.states.qpos, qpos[rows], atol=3e-3)
+    # a test recording told its own by its beginning, which it is then not judged by
+    spent = {s.recording.log: s.spent for s in less.test}
+    assert all((x > 0) == (name in found) for name, x in spent.items())
     said = describe_zeros(p, found)
     assert "run_1 reads 0.04 rad more at the elbow" in said and "less at the shoulder" in said
 
@@ -70,7 +75,7 @@ def test_what_no_zero_is_like_is_not_called_one(runs):
 
 def test_windows_in_which_a_joint_comes_to_its_stop_do_not_count(runs):
     p = prepared_of(ARM.replace('name="elbow"', 'name="elbow" limited="true" range="-50 50"'), runs)
-    w = p.windows(False, p.config.decide_s, 100)
+    w = p.windows("train", p.config.decide_s, 100)
     ends = (np.abs(w.qpos[..., 1]) > 0.98 * np.deg2rad(50)).any(1)
     assert 0 < ends.sum() < w.count
     np.testing.assert_array_equal(_at_stops(p, w), ends)
@@ -84,8 +89,9 @@ def test_nothing_is_said_of_machines_that_strike_things():
 def test_a_held_out_session_with_other_zeros_does_not_hide_what_is_missing():
     def rub(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0] = 0.3
+        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
 
-    runs = shifted(record(ARM, SIZE, rub, count=5), {1: [0.03, 0.05], 4: [0.06, -0.05]})
+    runs = shifted(record(ARM, SIZE, rub, count=5, seconds=5.0), {1: [0.03, 0.05], 4: [0.06, -0.05]})
     tried = (
         "coulomb_friction",
         "viscous_damping",
@@ -99,4 +105,5 @@ def test_a_held_out_session_with_other_zeros_does_not_hide_what_is_missing():
     assert d.verdict == "effects" and [str(t) for t in d.terms] == ["coulomb_friction@shoulder"]
     assert d.fit.theta == pytest.approx([0.3], rel=0.03)
     assert any("zeros differ between recordings" in w and "run_4" in w for w in d.warnings)
-    assert d.held.after.rms < 1.5 * d.held.floor
+    # the error of its own zero is no part of the floor
+    assert d.held.after.rms < 2.5 * d.held.floor

@@ -20,6 +20,7 @@ from mpge_jax.diagnosis.recordings.reader import load_recordings
 from mpge_jax.diagnosis.recordings.recorded_velocities import wrong
 from mpge_jax.diagnosis.recordings.recording import from_zero, unwrapped
 from mpge_jax.diagnosis.recordings.states import estimate
+from mpge_jax.diagnosis.recordings.three_parts import PARTS
 from mpge_jax.diagnosis.report.next_experiment import _windows
 from tests.diagnosis.machines import ARM, PENDULUM, record
 from tests.diagnosis.searches import prepared_of
@@ -43,7 +44,7 @@ def test_commands_are_found_on_jittered_clocks_of_any_origin(origin):
     r = from_zero(Recording("run", time, zero, zero, ctrl, ctrl))
     assert r.origin + r.time[-1] == time[-1]
     p = prepared_of(PENDULUM, record(PENDULUM, 0.8))
-    source = dataclasses.replace(p.train_sources[0], recording=r, states=_still(time.size))
+    source = dataclasses.replace(p.train[0], recording=r, states=_still(time.size))
     log = log_of(source, p.ctx, 0, dt, 0)
     np.testing.assert_array_equal(log.u[0, log.at], ctrl[:, 0])
     np.testing.assert_allclose(log.time, time)
@@ -61,7 +62,7 @@ def test_a_pause_in_a_log_of_forces_costs_nothing():
     zero = np.zeros((time.size, 1))
     p = prepared_of(PENDULUM, record(PENDULUM, 0.8))
     r = Recording("run", time, zero, zero, zero, zero)
-    source = dataclasses.replace(p.train_sources[0], recording=r, states=_still(time.size))
+    source = dataclasses.replace(p.train[0], recording=r, states=_still(time.size))
     log = log_of(source, p.ctx, 0, 1e-2, 0)
     assert log.u.size < 210 + PAUSE / 1e-2 and log.time[-1] == time[-1]
 
@@ -144,8 +145,8 @@ def test_filtered_velocities_are_seen_after_a_long_rest():
 def test_a_short_recording_holds_shorter_windows(seconds):
     (r,) = record(PENDULUM, 0.8, count=1, seconds=seconds)
     p = prepared_of(PENDULUM, [r])
-    for held in (False, True):
-        assert p.windows(held, 0.5, 10).count >= 1
+    for part in PARTS:
+        assert p.windows(part, 0.5, 10).count >= 1
 
 
 def test_transitions_are_joined_in_counting_order(tmp_path):

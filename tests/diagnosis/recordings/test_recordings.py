@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from mpge_jax.diagnosis import InputError, Recording
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.recordings.column_map import load
-from mpge_jax.diagnosis.recordings.held_out_split import split
 from mpge_jax.diagnosis.recordings.reader import load_recordings, read_recording
 from mpge_jax.diagnosis.recordings.recording import chain_transitions, unwrapped, validate
 from tests.diagnosis.machines import ARM, PENDULUM
@@ -496,37 +495,6 @@ def test_velocities_tell_whether_an_angle_wrapped():
     # nothing tells, nothing is changed
     alone = Recording("run", t, np.array([[3.0], [-3.0]]), None, np.zeros((2, 1)))
     assert unwrapped(alone, model, names_of(model)) is alone
-
-
-def _runs(*names: str, rows: int = 31) -> list[Recording]:
-    return [Recording(name, 0.1 * np.arange(rows), np.zeros((rows, 1))) for name in names]
-
-
-def test_what_is_held_out():
-    def names(recordings, held_out=None, seed=0):
-        train, held, warnings = split(recordings, held_out, np.random.default_rng(seed))
-        return [r.name for r in train], [r.name for r in held], warnings
-
-    marked = _runs("a", "heldout_b", "c")
-    assert names(marked) == (["a", "c"], ["heldout_b"], [])
-    assert names(marked, ("c",)) == names(marked, ("logs/c.npz",)) == (["a", "heldout_b"], ["c"], [])
-    with pytest.raises(InputError, match="'d' is not among a, heldout_b, c"):
-        names(marked, ("d",))
-    with pytest.raises(InputError, match="every recording is held out"):
-        names(_runs("heldout_a"))
-    # a third, by seed
-    nine = _runs(*"abcdefghi")
-    train, held, _ = names(nine)
-    assert len(held) == 3 and sorted(train + held) == list("abcdefghi") and names(nine) == names(nine)
-    assert len({tuple(names(nine, seed=k)[1]) for k in range(5)}) > 1
-
-
-def test_of_a_single_recording_the_last_third_is_held_out():
-    (first,), (last,), (warning,) = split(_runs("run"), None, np.random.default_rng(0))
-    assert (first.name, last.name) == ("run_first", "run_last") and "only one recording" in warning
-    assert (
-        first.time[0] == 0.0 and first.time[-1] == last.time[0] == pytest.approx(2.0) and last.time[-1] == 3.0
-    )
 
 
 def test_a_bad_number_is_told_by_its_line_in_the_file(tmp_path, arm):

@@ -59,7 +59,7 @@ def ambiguous() -> tuple[SimpleNamespace, dict[Term, list[Fitted]]]:
     recordings = [validate(_forward_only(k), model, names_of(model)) for k in range(3)]
     config = Config(jobs=1, quiet=True)
     p = prepare(spec, recordings, config)
-    w = p.windows(False, 0.25, 12)
+    w = p.windows("train", 0.25, 12)
     white = whitener(p.sim, Hypothesis(), np.zeros(0), w, p.noise)
     terms = [Term(i, REGISTRY[i].places(p.ctx)[0]) for i in ("coulomb_friction", "actuator_bias")]
     starts = [Fitted(Hypothesis.of(t), t.effect.starts(p.ctx, t.place)[0], np.zeros(1)) for t in terms]
@@ -98,8 +98,8 @@ def test_commands_turn_back_and_separate_friction_from_bias(tmp_path, ambiguous,
     ]
     assert min(gaps) > 5 * NOISE
     # about as far and as fast as the machine was seen to move
-    seen = np.concatenate([x.states.qpos[:, 0] for x in d.prepared.train_sources])
-    fastest = max(np.abs(x.states.qvel).max() for x in d.prepared.train_sources)
+    seen = np.concatenate([x.states.qpos[:, 0] for x in d.prepared.train])
+    fastest = max(np.abs(x.states.qvel).max() for x in d.prepared.train)
     spare = 0.55 * np.ptp(seen)
     assert seen.min() - spare < true.min() and true.max() < seen.max() + spare
     assert np.abs(np.diff(true)).max() / d.prepared.dt < 2.1 * fastest
@@ -113,7 +113,7 @@ def test_range_is_the_models_or_reaches_both_ways():
     for xml, expected in ((TURNTABLE, 0.6), (unlimited, 0.45)):
         model = compile_variable(mujoco.MjSpec.from_string(xml))
         source = SimpleNamespace(command=np.linspace(0.15, 0.45, 9)[:, None])
-        d = SimpleNamespace(prepared=SimpleNamespace(model=model, train_sources=(source,)))
+        d = SimpleNamespace(prepared=SimpleNamespace(model=model, train=(source,)))
         low, high = command_range(d)
         np.testing.assert_allclose([low[0], high[0]], [-expected, expected], rtol=1e-5)
 

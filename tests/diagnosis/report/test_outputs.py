@@ -157,7 +157,7 @@ def test_candidates_are_told_in_one_sentence():
         terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None,
         remainder=0.0,
         prepared=SimpleNamespace(
-            model=ctx.model, measured=np.zeros(1, bool), train_sources=(), held_sources=()
+            model=ctx.model, measured=np.zeros(1, bool), train=()
         ),
         held=SimpleNamespace(
             before=errors, after=errors, floor=0.1, windows=SimpleNamespace(times=np.array([0.5]))

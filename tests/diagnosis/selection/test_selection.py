@@ -202,6 +202,6 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
 def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
     """Recordings are made with a quarter of the timestep."""
     p = prepared_of(PENDULUM, record(PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
-    note_numerics(p, NOTHING, p.windows(True, p.config.report_s, 60))
+    note_numerics(p, NOTHING, p.windows("choice", p.config.report_s, 60))
     assert any("move as with a finer timestep" in w for w in p.warnings) == warned
     assert not any("another moment" in w for w in p.warnings)

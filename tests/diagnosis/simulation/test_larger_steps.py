@@ -25,13 +25,13 @@ MACHINES = {"smooth": (PENDULUM, 4), "few steps": (FEW, 1), "stiff": (STIFF, 1),
 @pytest.mark.parametrize(("xml", "expected"), MACHINES.values(), ids=MACHINES)
 def test_steps_are_joined_where_the_motion_stays_the_same(xml, expected):
     p = prepared_of(xml, record(xml, 0.8))
-    w = p.windows(False, p.config.decide_s, 20)
+    w = p.windows("train", p.config.decide_s, 20)
     assert stride(p.sim, w) == expected
 
 
 def test_joined_steps_have_the_mean_command_and_the_same_rows():
     p = prepared_of(PENDULUM, record(PENDULUM, 0.8))
-    w = p.windows(False, p.config.decide_s, 5)
+    w = p.windows("train", p.config.decide_s, 5)
     joined = w.in_larger_steps(4)
     assert (joined.dt, joined.steps) == (pytest.approx(4 * w.dt), -(-w.steps // 4))
     k = w.steps // 4

@@ -11,6 +11,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import floor
 from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.recordings.states import States
+from mpge_jax.diagnosis.recordings.three_parts import PARTS
 from mpge_jax.diagnosis.simulation.actuator_state import activations
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from tests.diagnosis.machines import PENDULUM
@@ -31,7 +32,7 @@ def _record(xml: str, runs: int = 3) -> tuple[list[Recording], list[np.ndarray]]
     for k in range(runs):
         model = mujoco.MjModel.from_xml_string(xml)
         data, rows, act = mujoco.MjData(model), [], []
-        for i in range(2 * RATE):
+        for i in range(4 * RATE):
             u = 0.5 + 0.4 * np.sign(np.sin(0.13 * i + k))
             rows.append((i / RATE, data.qpos[0], u))
             act.append(data.act[0])
@@ -48,7 +49,7 @@ def _record(xml: str, runs: int = 3) -> tuple[list[Recording], list[np.ndarray]]
 def test_windows_start_with_the_activation_that_the_commands_left(xml, settling):
     recordings, activations = _record(xml)
     p = prepared_of(xml, recordings)
-    w = p.windows(False, 0.25, 40)
+    w = p.windows("train", 0.25, 40)
     assert w.start.min() >= settling
     names = {r.name: a for r, a in zip(recordings, activations, strict=True)}
     for source, start, act in zip(w.source, w.start, w.act0[:, 0], strict=True):
@@ -68,8 +69,8 @@ def test_short_recordings_of_slow_filters_still_hold_windows():
         Recording(r.name, r.time[:50], r.qpos[:50], None, r.ctrl[:50]) for r in _record(xml, runs=6)[0]
     ]
     p = prepared_of(xml, recordings)
-    for held in (False, True):
-        assert p.windows(held, p.config.decide_s, 40).count and p.windows(held, p.config.report_s, 40).count
+    for part in PARTS:
+        assert p.windows(part, p.config.decide_s, 40).count and p.windows(part, p.config.report_s, 40).count
 
 
 def test_the_floor_of_slow_filters_is_the_noise():
@@ -87,7 +88,7 @@ def test_commands_act_later_and_in_finer_steps():
         Recording(f"run_{k}", np.arange(rows) / RATE, 1e-3 * np.sin(np.arange(rows) + k)[:, None], None, ctrl)
         for k in range(3)
     ]
-    w = prepared_of(PENDULUM, recordings).windows(False, 0.25, 40)
+    w = prepared_of(PENDULUM, recordings).windows("train", 0.25, 40)
     for k in range(w.count):
         at = w.start[k] + w.dt * np.arange(-w.history, w.steps)
         held = np.clip(np.floor(at * RATE + 1e-6) / 100, 0.0, None)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import REGISTRY, Config, Recording
+from mpge_jax.diagnosis.dataset.given_motion import EDGE, motion_is_given
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.effects.base import find_place
 from mpge_jax.diagnosis.effects.context import nominal_context
@@ -15,8 +16,9 @@ from mpge_jax.diagnosis.force_balance import procedure, resolution
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import needed
 from mpge_jax.diagnosis.force_balance.resolution import choose
-from mpge_jax.diagnosis.force_balance.tracks import EDGE, Resolution, Track, motion_is_given, tracks
+from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, tracks
 from mpge_jax.diagnosis.machine.model import compile_variable
+from mpge_jax.diagnosis.report.tables import diagnosis_table, effects_table
 from mpge_jax.diagnosis.simulation.single_step import Machine
 from mpge_jax.diagnosis.verdict.force_judgement import judge_forces
 from tests.diagnosis.machines import ARM, PENDULUM
@@ -52,7 +54,7 @@ def bench(xml, parts, noise, added=None, seed=0, sensor=np.inf):
 
 def judged(xml, recordings, ids=IDS):
     p = prepare(mujoco.MjSpec.from_string(xml), recordings, Config(jobs=1, effects=ids))
-    assert motion_is_given(p)
+    assert motion_is_given([s.recording for s in p.sources], p.model, p.measured)
     return judge_forces(p, procedure.decide(p, lambda _: None), lambda _: None)
 
 
@@ -94,6 +96,21 @@ def test_a_force_that_no_effect_gives_is_unexplained_where_it_acts():
     d = judged(MOTORS, bench(MOTORS, [("coulomb_friction", "shoulder", [0.3])], 0.02, odd))
     assert d.verdict == "unexplained" and d.unexplained["at"] == ["elbow"] and d.unexplained["of"] == "force"
     assert d.unexplained["share"] > 0.1 and len(d.unexplained["intervals"]) >= 1
+
+
+def test_what_is_unexplained_is_modelled_as_a_function_that_unseen_forces_follow():
+    def odd(q, v):
+        return np.stack([0 * q[:, 0], 0.4 * v[:, 1] * np.cos(3 * q[:, 1])], 1)
+
+    d = judged(MOTORS, bench(MOTORS, [("coulomb_friction", "shoulder", [0.3])], 0.02, odd))
+    assert d.verdict == "unexplained" and d.residual.after < 0.5 * d.residual.before == 0.5 * d.held.after
+    table = diagnosis_table(d)
+    assert table["residual"]["at"] == ["elbow"] and set(table["residual"]["inputs"]) == {"q:elbow", "v:elbow"}
+    assert table["residual"]["held_out"]["before"] == table["fit"]["held_out"]["after"]
+    assert "modelled all the same" in table["explanation"]
+    # whoever rebuilds the machine has it
+    (row,) = [e for e in effects_table(d)["effects"] if e["id"] == "residual"]
+    assert row["form"] == d.residual.functions[0].term.id and not row["native"]
     assert "coulomb_friction@shoulder" in named(d)
 
 
@@ -128,11 +145,9 @@ def test_motion_below_a_frequency_is_that_of_the_recorded_velocities():
         v = np.gradient(r.qpos, r.time, axis=0)
         known.append(dataclasses.replace(r, qvel=v + 0.02 * rng.standard_normal(v.shape)))
     p = prepare(mujoco.MjSpec.from_string(PENDULUM), known, Config(jobs=1))
-    (first, *_), (plain, *_) = (
-        tracks(p, p.train_sources, 10_000, Resolution(motion=m)) for m in (5.0, np.inf)
-    )
+    (first, *_), (plain, *_) = (tracks(p, p.train, 10_000, Resolution(motion=m)) for m in (5.0, np.inf))
     assert np.isfinite(p.noise.qvel).all()
-    r = p.train_sources[0].recording
+    r = p.train[0].recording
     want, rows = low_pass(r.qvel, r.time, 5.0), slice(EDGE, r.time.size - EDGE)
     np.testing.assert_allclose(first.v, want[rows])
     np.testing.assert_allclose(first.a, np.gradient(want, r.time, axis=0)[rows])
@@ -171,7 +186,7 @@ def test_a_joint_that_trembles_at_rest_is_not_taken_for_one_that_slides():
     plain = [Term(i, REGISTRY[i].places(p.ctx)[0]) for i in ("coulomb_friction", "viscous_damping")]
     still = choose(p, plain).still
     assert still >= 0.01
-    rows = tracks(p, p.train_sources, 500, Resolution(still=still))
+    rows = tracks(p, p.train, 500, Resolution(still=still))
     assert (rows[0].unsure >= still * p.ctx.speed).all()
 
 

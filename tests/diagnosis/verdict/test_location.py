@@ -26,7 +26,7 @@ def _located(*terms, joints, rivals=(), actuators=None):
 
     return locate(
         SimpleNamespace(
-            prepared=SimpleNamespace(model=model, names=names_of(model), train_sources=()),
+            prepared=SimpleNamespace(model=model, names=names_of(model), train=()),
             terms=tuple(term),
             fit=fit(*term),
             rivals={term[0]: [SimpleNamespace(tied=True, fit=fit(t)) for t in tied]} if tied else {},
@@ -64,7 +64,7 @@ def test_a_geom_goes_by_its_body():
     model = compile_variable(mujoco.MjSpec.from_string(ARM))
     term = Term("contact_friction", Place("geom", names.geoms[1], 1))
     d = SimpleNamespace(
-        prepared=SimpleNamespace(model=model, names=names, train_sources=()),
+        prepared=SimpleNamespace(model=model, names=names, train=()),
         terms=(term,),
         fit=None,
         rivals={},

@@ -52,7 +52,7 @@ def test_a_rough_spot_is_placed_where_force_at_one_joint_alone_explains_most(joi
         dof = m.joint(joint).dofadr[0]
         d.qfrc_applied[dof] = -np.tanh(20.0 * d.qvel[dof]) * np.exp(-(((d.qpos[dof] - 0.1) / width) ** 2))
 
-    recordings = record(ARM, [4.0, 0.8], force=spot, count=4, seconds=4.0)
+    recordings = record(ARM, [4.0, 0.8], force=spot, count=5, seconds=4.0)
     found = diagnose(mujoco.MjSpec.from_string(ARM), recordings, Config(effects=("gravity_tilt",), jobs=1))
     assert found.verdict == "unexplained" and found.unexplained is not None
     assert found.unexplained["at"] == at

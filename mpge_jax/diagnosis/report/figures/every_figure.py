@@ -72,6 +72,6 @@ def draw(d: Result, folder: Path) -> dict[str, Path]:
             "residuals": motion_figures.residual_map(d.held, map_of_time),
         }
     return shown | {
-        "robot": robot(p.spec, p.model, p.held_sources[0].states.qpos, marks(d), folder / "robot.png"),
+        "robot": robot(p.spec, p.model, p.test[0].states.qpos, marks(d), folder / "robot.png"),
         "location": location(d, folder / "location.png"),
     }

@@ -28,7 +28,7 @@ def forces(d: Result, e: ForceErrors, path: Path) -> Path:
     track = e.balance.tracks[0]
     # a few seconds around the middle: more would hide how the curves run
     near = np.abs(track.time - 0.5 * (track.time[0] + track.time[-1])) < 0.5 * PERIOD
-    origin = d.prepared.held_sources[0].recording.shown_origin
+    origin = d.prepared.test[0].recording.shown_origin
     m, names = d.prepared.model, d.prepared.names
     for (ax, loop), a in zip(axes, shown, strict=True):
         for values, color, style, width, label in (
@@ -72,7 +72,7 @@ def residual_map(d: Result, e: ForceErrors, path: Path) -> Path:
     figure = Figure(figsize=(8.2, 1.3 * len(tracks) + 0.9), layout="constrained")
     axes = figure.subplots(len(tracks), 1, squeeze=False)[:, 0]
     first = 0
-    for ax, t, s in zip(axes, tracks, d.prepared.held_sources, strict=False):
+    for ax, t, s in zip(axes, tracks, d.prepared.test, strict=False):
         rows = slice(first, first + len(t.time))
         first += len(t.time)
         time = s.recording.shown_origin + t.time

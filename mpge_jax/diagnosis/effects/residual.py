@@ -1,0 +1,167 @@
+"""Force that no effect of the vocabulary explains, as a smooth function of what goes on at the place where it acts."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
+from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
+from mpge_jax.diagnosis.effects.step import Array, Forces, Step
+from mpge_jax.diagnosis.machine.model import is_joint_transmission
+
+RESIDUAL = "residual"
+ANGLE, SPEED, DRIVE, LOAD = "q", "v", "f", "l"
+INPUTS = {
+    ANGLE: "position of the joint",
+    SPEED: "speed of the joint",
+    DRIVE: "force of the joint's drives",
+    LOAD: "force of gravity and of the other links on the joint",
+}
+KNOTS = {1: 9, 2: 6}
+"""Values by which a function is told along each input, of one and of two inputs."""
+FADES = 0.5
+"""Share of the greatest speed seen over which force that drives a joint on fades beyond that speed."""
+_ID = re.compile(r"residual:((?:[qvfl]\[[^\[\],]+,[^\[\],]+\]){1,2})below (\S+)")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One input with the range in which it was seen; beyond, the function stays as at the end of it."""
+
+    input: str
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if (
+            self.input not in INPUTS
+            or not np.isfinite([self.low, self.high]).all()
+            or not self.low < self.high
+        ):
+            raise ValueError(
+                f"an input of a residual is one of {', '.join(INPUTS)} with a range, not {self}."
+            )
+
+    def __str__(self) -> str:
+        return f"{self.input}[{self.low:.6g},{self.high:.6g}]"
+
+
+def splines(xp: Any, x: Array, count: int) -> list[Array]:
+    """`count` uniform cubic B-splines over [0, 1] at x [...]; outside as at the ends. They sum to one."""
+    t = xp.clip(x, 0.0, 1.0) * (count - 3)
+    out = []
+    for k in range(count):
+        u = xp.abs(t - (k - 1))
+        near, far = 2.0 / 3.0 - u**2 + 0.5 * u**3, xp.maximum(2.0 - u, 0.0) ** 3 / 6.0
+        out.append(xp.where(u < 1.0, near, far))
+    return out
+
+
+class Residual(Effect):
+    """A force on a joint, as a function of one or two inputs: cubic splines with a value for every knot.
+
+    It is bounded, as beyond the range of an input the function stays what it is at the end; and it cannot drive a joint
+    away, as beyond the greatest speed that was seen, force in the direction of the motion fades to nothing.
+
+    Args:
+        axes: the inputs. below: greatest speed seen (rad/s or m/s).
+    """
+
+    kinds, tier, runtime, simulated = ("joint",), 3, True, False
+    says = "A force at the {at} that no known effect explains is modelled as a function."
+
+    def __init__(self, axes: tuple[Axis, ...], below: float) -> None:
+        if not 1 <= len(axes) <= 2 or not below > 0:
+            raise ValueError("a residual has one or two inputs, and a greatest speed above 0.")
+        self.axes, self.below = axes, below
+        self.id = f"{RESIDUAL}:{''.join(map(str, axes))}below {below:.6g}"
+        self.count = KNOTS[len(axes)]
+        self.external = any(a.input == LOAD for a in axes)
+        self.equation = f"function of {', '.join(INPUTS[a.input] for a in axes)}"
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        torque, unit = float(ctx.torque[ctx.dof(place)]), joint_unit(ctx, place, "N m", "N")
+        many = self.count ** len(self.axes)
+        return tuple(Param(f"value_{k}", unit, -50 * torque, 50 * torque, 0.1 * torque) for k in range(many))
+
+    def places(self, ctx: Context) -> list[Place]:
+        # never searched for: what is left tells where it acts
+        return []
+
+    def inputs(self, ctx: Context, place: Place, s: Step) -> list[Array]:
+        """Values [...] of every input."""
+        return [_value(a.input, ctx, place, s) for a in self.axes]
+
+    def basis(self, xp: Any, values: list[Array]) -> list[Array]:
+        """The functions [...] whose sum, each times its parameter, is the force: every product of splines."""
+        along = [
+            splines(xp, (x - a.low) / (a.high - a.low), self.count)
+            for a, x in zip(self.axes, values, strict=True)
+        ]
+        return along[0] if len(along) == 1 else [one * other for one in along[0] for other in along[1]]
+
+    def value(self, xp: Any, theta: Array, values: list[Array]) -> Array:
+        """The function [...] of inputs [...] within the speeds that were seen."""
+        return sum(theta[..., k] * part for k, part in enumerate(self.basis(xp, values)))
+
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        force, v = self.value(xp, theta, self.inputs(ctx, place, s)), s.v[..., ctx.dof(place)]
+        fade = xp.clip(1.0 - (xp.abs(v) / self.below - 1.0) / FADES, 0.0, 1.0)
+        return Forces(joint=xp.where(force * v > 0.0, fade * force, force)), memory
+
+    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
+        return {"values": theta}
+
+    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
+        theta = np.asarray(values["values"], dtype=float)
+        many = self.count ** len(self.axes)
+        if theta.shape != (many,):
+            raise ValueError(f"a residual of {len(self.axes)} inputs has {many} values, not {theta.size}.")
+        return theta
+
+
+def _value(which: str, ctx: Context, place: Place, s: Step) -> Array:
+    if which == ANGLE:
+        return s.q[..., ctx.qadr(place)]
+    if which == SPEED:
+        return s.v[..., ctx.dof(place)]
+    if which == LOAD:
+        return s.external(ctx.dof(place))
+    drives = driven_by(ctx, place)
+    gear = ctx.model.actuator_gear[drives, 0]
+    return sum(float(g) * s.f[..., a] for g, a in zip(gear, drives, strict=True))
+
+
+def driven_by(ctx: Context, place: Place) -> list[int]:
+    """Actuators that drive a joint and no other."""
+    m = ctx.model
+    return [
+        a for a in range(m.nu) if is_joint_transmission(m, a) and int(m.actuator_trnid[a, 0]) == place.index
+    ]
+
+
+@lru_cache(maxsize=256)
+def residual_of(form: str) -> Residual:
+    """The effect of an identifier.
+
+    Raises:
+        KeyError: it is none of a residual.
+    """
+    match = _ID.fullmatch(form)
+    if match is None:
+        raise KeyError(form)
+    axes = re.findall(r"([qvfl])\[([^\[\],]+),([^\[\],]+)\]", match[1])
+    try:
+        return Residual(tuple(Axis(i, float(low), float(high)) for i, low, high in axes), float(match[2]))
+    except ValueError:
+        raise KeyError(form) from None
+
+
+REGISTRY.families[RESIDUAL] = residual_of

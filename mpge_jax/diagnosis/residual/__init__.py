@@ -1,0 +1,1 @@
+"""A model of what no known effect explains."""

@@ -1,0 +1,61 @@
+"""What is left as fitted functions: plain data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.context import Context
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.residual import Axis, residual_of
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+
+Array = np.ndarray
+WORTH = 0.01
+"""Share by which the error of test recordings must fall."""
+
+
+@dataclass(frozen=True)
+class Function:
+    """A force that no known effect explains, as a function of what goes on where it acts.
+
+    Attributes:
+        term: where it acts, and of which inputs. theta: its values. formula: it in words, where few terms say it.
+    """
+
+    term: Term
+    theta: Array
+    formula: str | None
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        return residual_of(self.term.id).axes
+
+
+@dataclass(frozen=True)
+class ResidualModel:
+    """All that is left as functions, and what they do to recordings that they never saw.
+
+    Attributes:
+        functions: one of each place. before, after: errors on the test recordings with the named effects only, and with
+            the functions too, in the report's unit.
+    """
+
+    functions: tuple[Function, ...]
+    before: float
+    after: float
+
+
+def worthwhile(found: list[Function], before: float, after: float) -> ResidualModel | None:
+    """The model, if it makes the test recordings better predicted."""
+    return ResidualModel(tuple(found), before, after) if found and after < (1.0 - WORTH) * before else None
+
+
+def with_function(ctx: Context, f: Fitted, term: Term, theta: Array | None = None) -> Fitted:
+    """`f` with a function of given values (0)."""
+    h = f.hypothesis.with_term(term)
+    parts = f.hypothesis.split(ctx, f.theta)
+    parts[term] = np.zeros(len(term.params(ctx))) if theta is None else theta
+    flat = h.gather(ctx, parts)
+    return Fitted(h, flat, flat)

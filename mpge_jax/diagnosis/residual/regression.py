@@ -1,0 +1,132 @@
+"""Which smooth function explains what is left: penalised least squares, judged on blocks that it was not fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.residual import INPUTS, Residual
+from mpge_jax.diagnosis.evidence.paired_gains import deviations
+
+Array = np.ndarray
+STRENGTHS = 10.0 ** np.arange(-6.0, 2.5)
+"""Weights of the penalty that are tried, in units of the mean information of a value."""
+SMALL = 0.01
+"""Weight of the values themselves beside that of their second differences."""
+SURE, TIE = 2.0, 0.01
+"""Standard errors by which a plainer function must predict worse than the best not to be taken, and share of what that
+one explains that is no matter."""
+BEYOND = 1.0
+"""Standard errors by which a function must predict better than none."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A least-squares problem of a function's values, block by block: ||r + A x||^2 = whole + 2 push x + x gram x.
+
+    Attributes:
+        gram: [B, P, P]. push: [B, P]. whole: [B]. weight: [B] of the blocks.
+    """
+
+    gram: Array
+    push: Array
+    whole: Array
+    weight: Array
+
+    @staticmethod
+    def of(columns: Array, residual: Array, weight: Array) -> Blocks:
+        """From columns [P, B, M] and residuals [B, M]."""
+        return Blocks(
+            np.einsum("pbm,qbm->bpq", columns, columns, optimize=True),
+            np.einsum("pbm,bm->bp", columns, residual, optimize=True),
+            (residual**2).sum(-1),
+            weight,
+        )
+
+    def take(self, index: Array) -> Blocks:
+        return Blocks(self.gram[index], self.push[index], self.whole[index], self.weight[index])
+
+    def left(self, x: Array) -> Array:
+        """Weighted squares [B] with values x [P]."""
+        square = self.whole + 2.0 * self.push @ x + np.einsum("p,bpq,q->b", x, self.gram, x, optimize=True)
+        return self.weight * square
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A function with its values.
+
+    Attributes:
+        place: index of the joint at which it acts. left: [B] what it leaves of every block, told from the others.
+        strength: of its penalty.
+    """
+
+    effect: Residual
+    place: int
+    values: Array
+    left: Array
+    strength: float
+
+
+def roughness(effect: Residual) -> Array:
+    """[P, P] of squared second differences along every input, and a little of the values themselves."""
+    second = np.diff(np.eye(effect.count), 2, axis=0)
+    along = second.T @ second
+    if len(effect.axes) == 2:
+        one = np.eye(effect.count)
+        along = np.kron(along, one) + np.kron(one, along)
+    return along + SMALL * np.eye(len(along))
+
+
+def solved(b: Blocks, effect: Residual, strength: float, now: Array | None = None) -> Array:
+    """The change [P] of the values `now` (0) that is best under a penalty of the values that result."""
+    gram = np.einsum("b,bpq->pq", b.weight, b.gram)
+    push = b.weight @ b.push
+    penalty = strength * max(float(np.trace(gram)) / len(gram), 1e-300) * roughness(effect)
+    pulled = push if now is None else push + penalty @ now
+    return -np.linalg.solve(gram + penalty, pulled)
+
+
+def best_function(candidates: list[tuple[Residual, int, Blocks]], fold: Array) -> Choice | None:
+    """The plainest of the functions that predict blocks, from the others, as well as the best one does; None where none
+    is better than nothing beyond chance.
+
+    Plain is what has few inputs, and known ones rather than computed ones (the order of `INPUTS`).
+
+    Args:
+        candidates: function, index of the joint at which it acts, its problem. fold: [B] which blocks are predicted
+            together.
+    """
+    if not candidates or len(np.unique(fold)) < 2:
+        return None
+    nothing = {id(b): b.weight * b.whole for _, _, b in candidates}
+    choices = [(_smoothed(*c, fold), nothing[id(c[2])]) for c in candidates]
+    choices = [(c, none) for c, none in choices if deviations(none - c.left) > BEYOND]
+    if not choices:
+        return None
+    gains = [float((none - c.left).sum()) for c, none in choices]
+    best, most = choices[int(np.argmax(gains))][0], max(gains)
+    near = [
+        c
+        for (c, _), gain in zip(choices, gains, strict=True)
+        if gain > (1.0 - TIE) * most or deviations(c.left - best.left) < SURE
+    ]
+    return min(near, key=lambda c: (len(c.effect.axes), [list(INPUTS).index(a.input) for a in c.effect.axes]))
+
+
+def _smoothed(effect: Residual, place: int, b: Blocks, fold: Array) -> Choice:
+    """The function under the penalty that predicts best."""
+    tried = [(float((left := _predicted(effect, b, fold, s)).sum()), s, left) for s in STRENGTHS]
+    _, strength, left = min(tried, key=lambda t: t[:2])
+    return Choice(effect, place, solved(b, effect, strength), left, strength)
+
+
+def _predicted(effect: Residual, b: Blocks, fold: Array, strength: float) -> Array:
+    """What is left [B] of every block by the function that the other folds tell."""
+    left = np.empty(len(fold))
+    for k in np.unique(fold):
+        here = fold == k
+        x = solved(b.take(~here), effect, strength)
+        left[here] = b.take(here).left(x)
+    return left

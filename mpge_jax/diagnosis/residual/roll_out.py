@@ -1,0 +1,50 @@
+"""Whether a machine with a fitted force stays where machines stay, under commands that nobody recorded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.recordings.recording import Recording
+from mpge_jax.diagnosis.recordings.states import States
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.windows import cut
+
+Array = np.ndarray
+SECONDS, ROW, HOLD = 60.0, 0.02, 0.3
+"""Length of a roll-out, time between its rows, and how long a random command is held (s)."""
+AWAY = 10.0
+"""Times the greatest speed that was recorded, or is reached without the force, beyond which a joint is gone."""
+
+
+def stays(p: Prepared, f: Fitted, without: Fitted) -> bool:
+    """Whether a minute of random commands, of those that were recorded, ends where it does without the force: no joint
+    moves ten times as fast as it ever did."""
+    speeds = [_greatest_speeds(p, x) for x in (f, without)]
+    seen = np.array([np.abs(s.states.qvel).max(0) for s in p.train]).max(0)
+    usual = np.maximum(seen, np.nan_to_num(speeds[1], posinf=0.0))
+    return bool((speeds[0] <= AWAY * np.maximum(usual, 1e-6)).all())
+
+
+def _greatest_speeds(p: Prepared, f: Fitted) -> Array:
+    """[nv]; infinite where the simulation breaks down."""
+    m, rng = p.model, np.random.default_rng([p.config.seed, 41])
+    time = np.arange(0.0, SECONDS + ROW / 2, ROW)
+    recorded = np.concatenate([s.command for s in p.train])
+    changes = rng.integers(len(recorded), size=int(SECONDS / HOLD) + 1)
+    command = recorded[changes[(time / HOLD).astype(int)]]
+    start = p.train[0].states
+    qpos, still = np.tile(start.qpos[0], (time.size, 1)), np.zeros((time.size, m.nv))
+    states = States(qpos, still, still, np.zeros((time.size, m.nv, 2, 2)))
+    source = Source.build(Recording("roll-out", time, qpos, still, command), states, command)
+    # speeds at rest, as if measured: what is missed is the machine's own
+    noise = replace(p.noise, qvel=np.ones(m.nv))
+    w = cut((source,), m, noise, SECONDS, 1, p.dt, rng, max_samples=time.size)
+    if not w.count:
+        return np.zeros(m.nv)
+    speed = np.abs(p.sim.residuals([Run(f.hypothesis, f.theta)], w)[0, 0, :, m.nv :])
+    return np.where(np.isfinite(speed), speed, np.inf).max(0)

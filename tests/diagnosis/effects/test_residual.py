@@ -1,0 +1,106 @@
+"""The effect that holds what no other explains: bounded, harmless beyond what was seen, the same everywhere."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis import REGISTRY
+from mpge_jax.diagnosis.corrected import CorrectedModel
+from mpge_jax.diagnosis.effects.context import nominal_context
+from mpge_jax.diagnosis.effects.residual import Axis, Residual, splines
+from mpge_jax.diagnosis.effects.step import Step
+from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.machine.model import compile_variable
+from tests.diagnosis.machines import PENDULUM
+from tests.diagnosis.searches import HINGE
+
+CTX = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+OF_BOTH = Residual((Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)), 3.0)
+
+
+def step(q: float, v: float, f: float = 0.0) -> Step:
+    none = np.zeros(1)
+    return Step(
+        np.array([q]), np.array([v]), none, np.array([f]), none, none, none, none, none, lambda _: none, 0.01
+    )
+
+
+def force(effect: Residual, theta, *state: float) -> float:
+    return float(effect.force(np, CTX, HINGE, np.asarray(theta), step(*state), ())[0].joint)
+
+
+def test_splines_share_out_one_and_stay_at_their_ends():
+    x = np.linspace(-2.0, 3.0, 23)
+    parts = np.array(splines(np, x, 9))
+    np.testing.assert_allclose(parts.sum(0), 1.0)
+    np.testing.assert_allclose(
+        parts[:, x < 0], parts[:, [np.argmin(np.abs(x))]] * np.ones(int((x < 0).sum())), atol=0.2
+    )
+    np.testing.assert_array_equal(np.array(splines(np, np.array([-5.0]), 9)), splines(np, np.array([0.0]), 9))
+    # values on a straight line are a straight line: the third knot's value stands at the third of seven knots
+    values = np.arange(9.0) - 1.0
+    assert float(
+        sum(v * s for v, s in zip(values, splines(np, np.array(2 / 6), 9), strict=True))
+    ) == pytest.approx(2.0)
+
+
+def test_beyond_what_was_seen_it_is_bounded_and_only_brakes():
+    effect = Residual((Axis("v", -3.0, 3.0),), 3.0)
+    pushes = np.full(9, 0.7)
+    assert force(effect, pushes, 0.0, 2.9) == pytest.approx(0.7)
+    assert force(effect, pushes, 0.0, 3.75) == pytest.approx(0.35)
+    assert force(effect, pushes, 0.0, 9.0) == 0.0
+    assert force(effect, pushes, 0.0, -9.0) == pytest.approx(0.7)
+    far = np.random.default_rng(0).normal(size=OF_BOTH.count**2)
+    assert all(abs(force(OF_BOTH, far, q, 0.0)) <= np.abs(far).max() for q in np.linspace(-50, 50, 11))
+
+
+def test_an_identifier_says_it_all():
+    for effect in (
+        OF_BOTH,
+        Residual((Axis("f", -0.25, 1.5),), 0.5),
+        Residual((Axis("l", -1e-3, 1e3),), 12.0),
+    ):
+        again = REGISTRY[effect.id]
+        assert again.id == effect.id and again.axes == effect.axes and again.below == effect.below
+    assert OF_BOTH.id not in list(REGISTRY) and OF_BOTH.id.partition(":")[0] == "residual"
+    for wrong in ("residual:q[1,0]below 3", "residual:x[0,1]below 3", "residual:q[0,1]", "residual", "other"):
+        with pytest.raises(KeyError):
+            REGISTRY[wrong]
+    with pytest.raises(ValueError, match="one of q, v, f, l with a range"):
+        Axis("q", 0.0, float("nan"))
+
+
+def table(values: list[float]) -> list[dict[str, object]]:
+    return [
+        {
+            "id": "residual",
+            "form": OF_BOTH.id,
+            "at": "hinge",
+            "kind": "joint",
+            "parameters": {"values": values},
+        }
+    ]
+
+
+def test_it_moves_the_machine_alike_in_c_and_in_jax():
+    values = list(0.2 * np.random.default_rng(0).normal(size=OF_BOTH.count**2))
+    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), table(values))
+    c, plain = (
+        corrected.c_stepper(),
+        CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), []).c_stepper(),
+    )
+    engine = corrected.jax_engine("mjx")
+    start = np.array([0.3]), np.array([1.0])
+    data = engine.init(jnp.array(start[0]), jnp.array(start[1]))
+    for stepper in (c, plain):
+        stepper.reset(*start)
+        stepper.step(np.array([0.1]), 40)
+    data = engine.step(data, jnp.array([0.1]), 40)
+    assert abs(c.data.qpos[0] - plain.data.qpos[0]) > 1e-3
+    np.testing.assert_allclose(data.qpos, c.data.qpos, atol=2e-5)
+    with pytest.raises(InputError, match="36 values, not 3"):
+        CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), table([1.0, 2.0, 3.0]))

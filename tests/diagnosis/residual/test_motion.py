@@ -1,0 +1,60 @@
+"""What no effect explains is modelled from the motion, and makes recordings better predicted that it never saw."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.evidence.held_out_error import fit_report
+from mpge_jax.diagnosis.residual.inputs import places_of, seen
+from mpge_jax.diagnosis.residual.model import with_function
+from mpge_jax.diagnosis.residual.motion import residual_of_motion
+from mpge_jax.diagnosis.residual.roll_out import _greatest_speeds, stays
+from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.searches import COULOMB, HINGE, fitted, search_of
+
+
+@pytest.fixture(scope="module")
+def grinding():
+    """Damping that depends on the angle: nothing in the vocabulary is like it."""
+
+    def force(_model, data):
+        data.qfrc_applied[0] = -0.3 * data.qvel[0] * np.sin(data.qpos[0]) ** 2
+
+    return search_of(PENDULUM, record(PENDULUM, 0.8, force=force, count=4, seconds=2.5))
+
+
+def test_a_law_of_angle_and_speed_is_learned(grinding):
+    s, p = grinding
+    held = fit_report(p, NOTHING, "test")
+    found = residual_of_motion(p, s, NOTHING, ["hinge"], held)
+    assert found is not None and found.before == held.after.rms and found.after < 0.2 * found.before
+    (function,) = found.functions
+    assert "v" in [a.input for a in function.axes] and function.term.place == HINGE
+
+
+def test_where_nothing_is_left_there_is_no_function(rubbing):
+    s, p = rubbing
+    f = fitted(s, {COULOMB: [0.1]})
+    assert residual_of_motion(p, s, f, ["hinge"], fit_report(p, f, "test")) is None
+    assert residual_of_motion(p, s, f, ["no joint"], fit_report(p, f, "test")) is None
+
+
+def test_places_are_joints_or_those_that_actuators_drive(rubbing):
+    _, p = rubbing
+    assert places_of(p, ["motor", "hinge", "arm"]) == [HINGE]
+    values = seen(p, HINGE)
+    assert set(values) == {"q", "v", "f", "l"} and len({len(x) for x in values.values()}) == 1
+    # the motor's force is its command, and the arm's weight is what the other links are
+    np.testing.assert_allclose(values["l"], -0.5 * 9.81 * 0.15 * np.sin(values["q"]), rtol=1e-3, atol=1e-6)
+
+
+def test_a_force_that_drives_a_joint_on_does_not_run_away(rubbing):
+    _, p = rubbing
+    effect = Residual((Axis("v", -3.0, 3.0),), 3.0)
+    drives = with_function(p.ctx, NOTHING, Term(effect.id, HINGE), 0.5 * np.linspace(-1, 1, 9))
+    assert stays(p, drives, NOTHING)
+    assert _greatest_speeds(p, drives)[0] < 40.0

@@ -1,0 +1,63 @@
+"""Which function is chosen, from data that it was not fitted to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.residual.regression import Blocks, best_function, roughness, solved
+
+ANGLE, SPEED = Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)
+FUNCTIONS = [Residual(axes, 3.0) for axes in ((ANGLE,), (SPEED,), (ANGLE, SPEED))]
+FOLD = np.arange(40) % 5
+
+
+def candidates(law, noise: float = 0.01, weight: float = 1.0):
+    """40 blocks of 20 rows; what is missing is the negative of what the function must be."""
+    rng = np.random.default_rng(0)
+    q, v = rng.uniform(-1, 1, (40, 20)), rng.uniform(-3, 3, (40, 20))
+    left = -law(q, v) + noise * rng.standard_normal(q.shape)
+    known = {"q": q, "v": v}
+    return [
+        (e, 0, Blocks.of(np.array(e.basis(np, [known[a.input] for a in e.axes])), left, np.full(40, weight)))
+        for e in FUNCTIONS
+    ]
+
+
+@pytest.mark.parametrize(
+    ("law", "inputs"),
+    [
+        (lambda q, v: 0.3 * np.sin(3 * q), "q"),
+        (lambda q, v: -0.1 * v * np.abs(v), "v"),
+        (lambda q, v: 0.2 * v * np.cos(2 * q), "qv"),
+    ],
+)
+def test_the_inputs_are_those_of_the_law(law, inputs):
+    found = best_function(candidates(law), FOLD)
+    assert "".join(a.input for a in found.effect.axes) == inputs
+    q, v = np.meshgrid(np.linspace(-0.9, 0.9, 7), np.linspace(-2.7, 2.7, 7))
+    values = [{"q": q, "v": v}[i] for i in inputs]
+    np.testing.assert_allclose(found.effect.value(np, found.values, values), law(q, v), atol=0.03)
+
+
+def test_noise_is_no_function():
+    assert best_function(candidates(lambda q, v: 0.0 * q, noise=0.1), FOLD) is None
+    assert best_function([], FOLD) is None
+
+
+def test_the_penalty_pulls_towards_nothing_and_towards_smoothness():
+    effect, _, b = candidates(lambda q, v: 0.3 * np.sin(3 * q))[0]
+    free, stiff = (solved(b, effect, s) for s in (1e-9, 1e3))
+    assert stiff @ roughness(effect) @ stiff < 0.1 * free @ roughness(effect) @ free
+    # a change from what is best already is nothing
+    moved = Blocks(b.gram, b.push + np.einsum("bpq,q->bp", b.gram, free), b.whole, b.weight)
+    np.testing.assert_allclose(solved(moved, effect, 1e-9, free), 0.0, atol=1e-6)
+
+
+def test_blocks_hold_the_squares_of_what_is_left():
+    rng = np.random.default_rng(1)
+    columns, left, x = rng.standard_normal((3, 4, 5)), rng.standard_normal((4, 5)), rng.standard_normal(3)
+    b = Blocks.of(columns, left, np.array([1.0, 2.0, 1.0, 1.0]))
+    want = ((left + np.einsum("pbm,p->bm", columns, x)) ** 2).sum(1) * b.weight
+    np.testing.assert_allclose(b.left(x), want)
