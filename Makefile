@@ -8,6 +8,8 @@ VENV ?= .venv
 PYTHON ?=
 ARGS ?=
 WORKERS ?= 2
+# In the order of tests/conftest.py, and not by the number of tests in a file.
+DIST := --dist loadfile --no-loadscope-reorder
 METHODS ?= direct SPG MPG-MS MPGE-MS Vine GAT diagnosed target
 
 PY := $(VENV)/bin/python
@@ -53,10 +55,10 @@ benchmark: $(STAMP) ## measure simulation and grounding speed on this machine
 	$(PY) -m experiments.benchmark $(ARGS)
 
 test: $(STAMP) ## run the tests
-	$(PY) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
+	$(PY) -m pytest -n $(WORKERS) $(DIST) $(ARGS)
 
 test-slow: $(CLIENTS) ## run the long tests too, other people's trainers among them
-	$(PY) -m pytest -n $(WORKERS) --dist loadfile -m 'slow or not slow' $(ARGS)
+	$(PY) -m pytest -n $(WORKERS) $(DIST) -m 'slow or not slow' $(ARGS)
 
 check: $(STAMP) ## lint, formatting and types
 	$(PY) -m ruff check .
