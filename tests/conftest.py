@@ -39,7 +39,7 @@ _log.logto_file = False
 _log.set()
 
 
-# The files that take longest come first: a process runs one at a time, and none should be left alone with it at the end.
+# The files that take longest come first. A process runs one at a time: it should not be alone with it at the end.
 LONG = (
     "diagnosis/effects/test_effects.py", "diagnosis/estimation/test_fits.py", "diagnosis/machine/test_contacts.py",
     "diagnosis/measurement/test_delay_within_a_row.py", "diagnosis/measurement/test_encoder_zeros.py",
