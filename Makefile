@@ -1,7 +1,7 @@
 # Every target runs in one virtual environment, made from the pinned versions in constraints.txt.
 #   VENV=DIR     another environment than .venv       PYTHON=PATH  the interpreter that makes it
 #   ARGS='...'   further arguments of the command that a target runs
-#   WORKERS=N    processes that run the tests, a file in each at a time
+#   WORKERS=N    processes that run the tests, a file in each at a time, and check the types
 #   METHODS=...  methods that `make sweep` compares; all: every one
 
 VENV ?= .venv
@@ -63,7 +63,7 @@ test-slow: $(CLIENTS) ## run the long tests too, other people's trainers among t
 check: $(STAMP) ## lint, formatting and types
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
-	$(PY) -m mypy
+	$(PY) -m mypy --num-workers $(WORKERS)
 
 format: $(STAMP) ## format the code and apply the linter's safe fixes
 	$(PY) -m ruff check --fix .
