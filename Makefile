@@ -1,13 +1,15 @@
 # Every target runs in one virtual environment, made from the pinned versions in constraints.txt.
 #   VENV=DIR     another environment than .venv       PYTHON=PATH  the interpreter that makes it
 #   ARGS='...'   further arguments of the command that a target runs
-#   WORKERS=N    processes that run the tests, a file in each at a time
+#   WORKERS=N    processes that run the tests, a file in each at a time, and check the types
 #   METHODS=...  methods that `make sweep` compares; all: every one
 
 VENV ?= .venv
 PYTHON ?=
 ARGS ?=
 WORKERS ?= 2
+# In the order of tests/conftest.py, and not by the number of tests in a file.
+DIST := --dist loadfile --no-loadscope-reorder
 METHODS ?= direct SPG MPG-MS MPGE-MS Vine GAT diagnosed target
 
 PY := $(VENV)/bin/python
@@ -53,15 +55,15 @@ benchmark: $(STAMP) ## measure simulation and grounding speed on this machine
 	$(PY) -m experiments.benchmark $(ARGS)
 
 test: $(STAMP) ## run the tests
-	$(PY) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
+	$(PY) -m pytest -n $(WORKERS) $(DIST) $(ARGS)
 
 test-slow: $(CLIENTS) ## run the long tests too, other people's trainers among them
-	$(PY) -m pytest -n $(WORKERS) --dist loadfile -m 'slow or not slow' $(ARGS)
+	$(PY) -m pytest -n $(WORKERS) $(DIST) -m 'slow or not slow' $(ARGS)
 
 check: $(STAMP) ## lint, formatting and types
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
-	$(PY) -m mypy
+	$(PY) -m mypy --num-workers $(WORKERS)
 
 format: $(STAMP) ## format the code and apply the linter's safe fixes
 	$(PY) -m ruff check --fix .

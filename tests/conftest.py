@@ -3,6 +3,7 @@
 import os
 import tempfile
 from importlib.metadata import version
+from pathlib import Path
 
 # Nearly all the time of the tests is compilation of programs that run once: LLVM optimises none of them, and XLA's
 # older, plainer code is compiled twice as fast as that of its fusion emitters (jaxlib 0.11 no longer has it, and ends
@@ -36,6 +37,24 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 _log = mujoco.MjLogConfig.get()
 _log.logto_file = False
 _log.set()
+
+
+# The files that take longest come first. A process runs one at a time: it should not be alone with it at the end.
+LONG = (
+    "diagnosis/effects/test_effects.py", "diagnosis/estimation/test_fits.py", "diagnosis/machine/test_contacts.py",
+    "diagnosis/measurement/test_delay_within_a_row.py", "diagnosis/measurement/test_encoder_zeros.py",
+    "diagnosis/report/test_next_experiment.py", "diagnosis/selection/test_decisions.py",
+    "diagnosis/test_diagnose_command.py", "experiments/test_sweep.py", "grounding/test_early_stop.py",
+    "grounding/test_ensemble.py", "grounding/test_grounding.py", "grounding/test_grounding_update.py",
+    "learning/test_sac.py", "test_edges.py", "test_readme.py",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items):
+    tests = Path(__file__).parent
+    first = [tests / name for name in LONG]
+    assert all(path.is_file() for path in first), "a file of LONG is gone"
+    items.sort(key=lambda item: item.path not in first)
 
 
 @pytest.fixture

@@ -25,6 +25,11 @@ COULOMB, STRIBECK = Term("coulomb_friction", HINGE), Term("stribeck_friction", H
 DAMPING, GAIN = Term("viscous_damping", HINGE), Term("actuator_gain", MOTOR)
 ARMATURE = Term("armature", HINGE)
 
+MISTAKEN_FOR_FRICTION = (
+    "viscous_damping", "stribeck_friction", "quadratic_drag", "armature", "actuator_deadzone", "mass_scale",
+)  # fmt: skip
+"""Where the rest of the vocabulary only takes time."""
+
 
 def prepared_of(xml: str, recordings: list[Recording]) -> Prepared:
     spec = mujoco.MjSpec.from_string(xml)

@@ -356,15 +356,13 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert first.to_json() == second.to_json()
 
 
-def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatch, capsys):
+def test_an_interrupted_search_goes_on_where_it_was(folder, result, tmp_path, monkeypatch, capsys):
     import mpge_jax.diagnosis.pipeline as whole
     import mpge_jax.diagnosis.selection.procedure as decisions
 
-    out = tmp_path / "out"
+    out, (whole_out, _) = tmp_path / "out", result
     arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--jobs", "1", "--quiet"]
-    arguments += ["--effects", "coulomb_friction", "viscous_damping", "armature", "--out"]
-    assert main([*arguments, str(tmp_path / "whole")]) == 0
-    arguments.append(str(out))
+    arguments += ["--effects", *EFFECTS, "--out", str(out)]
 
     def interrupt(*_args):
         raise KeyboardInterrupt
@@ -396,4 +394,4 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, tmp_path, monkeypatc
     attach(search, logs[0].prepared, short)
     assert not search.resume.fit.hypothesis.terms
     assert not (out / ".progress.json").exists()
-    assert (out / "diagnosis.json").read_bytes() == (tmp_path / "whole" / "diagnosis.json").read_bytes()
+    assert (out / "diagnosis.json").read_bytes() == (whole_out / "diagnosis.json").read_bytes()

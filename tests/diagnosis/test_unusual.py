@@ -26,7 +26,7 @@ from mpge_jax.diagnosis.recordings.reader import read_recording
 from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force
 from mpge_jax.diagnosis.simulation.windows import _spans
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, record
-from tests.diagnosis.searches import prepared_of
+from tests.diagnosis.searches import MISTAKEN_FOR_FRICTION, prepared_of
 
 
 def _log(time: np.ndarray) -> Recording:
@@ -104,8 +104,9 @@ def _transitions(friction: float, count: int = 150, noise: float = 1e-4) -> list
 
 def test_single_transitions_are_recordings():
     spec = mujoco.MjSpec.from_string(PENDULUM)
-    assert diagnose(spec, _transitions(0.0), Config(jobs=1)).verdict == "none"
-    d = diagnose(spec, _transitions(0.15), Config(jobs=1))
+    config = Config(jobs=1, effects=("coulomb_friction", *MISTAKEN_FOR_FRICTION))
+    assert diagnose(spec, _transitions(0.0), config).verdict == "none"
+    d = diagnose(spec, _transitions(0.15), config)
     assert [(t.id, t.place.name) for t in d.terms] == [("coulomb_friction", "hinge")]
     assert d.fit.theta[0] == pytest.approx(0.15, rel=0.05)
 

@@ -66,9 +66,12 @@ _update_with_the_mode = jax.jit(lambda *args: sac.update(*args), static_argnums=
 update_many = jax.jit(sac.update_many, static_argnames=("n", "config"))
 
 
-def learn(probe: probes.Probe, config: SACConfig, seed: int = 0) -> sac.SACState:
-    """SAC on 2,048 uniformly random episodes of `probe`."""
-    key_reset, key_act, key_init, key_update = jax.random.split(jax.random.key(seed), 4)
+# Small programs, one for each operation outside of `jit`, take longer to compile than the whole.
+init = jax.jit(sac.init, static_argnums=(1, 2, 4))
+
+
+@partial(jax.jit, static_argnums=0)
+def random_episodes(probe: probes.Probe, key_reset: jax.Array, key_act: jax.Array) -> replay.ReplayBuffer:
     buffer = replay.init(4096, probe.observation_size, probe.action_size)
     state = jax.vmap(probe.reset)(jax.random.split(key_reset, 2048))
     shape = (probe.max_steps, 2048, probe.action_size)
@@ -77,7 +80,14 @@ def learn(probe: probes.Probe, config: SACConfig, seed: int = 0) -> sac.SACState
         info = after.info
         batch = Transition(state.obs, action, after.reward, info["next_obs"], info["terminated"])
         buffer, state = replay.add_batch(buffer, batch), after
-    learner = sac.init(key_init, probe.observation_size, probe.action_size, probe.action_high, config)
+    return buffer
+
+
+def learn(probe: probes.Probe, config: SACConfig, seed: int = 0) -> sac.SACState:
+    """SAC on 2,048 uniformly random episodes of `probe`."""
+    key_reset, key_act, key_init, key_update = jax.random.split(jax.random.key(seed), 4)
+    buffer = random_episodes(probe, key_reset, key_act)
+    learner = init(key_init, probe.observation_size, probe.action_size, probe.action_high, config)
     return update_many(learner, buffer, key_update, 3000, config)[0]
 
 
@@ -145,7 +155,7 @@ class TestLosses:
 
     def test_targets_follow_the_new_critics(self):
         state = tiny_state()
-        after, _ = sac.update(state, TINY_BATCH, jax.random.key(0), TINY)
+        after, _ = jax.jit(sac.update, static_argnums=3)(state, TINY_BATCH, jax.random.key(0), TINY)
         expected = jax.tree.map(lambda new, old: 0.25 * new + 0.75 * old, after.critic, state.target_critic)
         jax.tree.map(partial(np.testing.assert_allclose, rtol=1e-6), after.target_critic, expected)
 
@@ -199,14 +209,14 @@ class TestActing:
         assert pre_tanh.std() == pytest.approx(math.exp(-1), abs=0.01)
 
     def test_every_action_has_its_own_scale(self):
-        state = sac.init(jax.random.key(0), 3, 2, jnp.array([1.0, 5.0]), SMALL)
+        state = init(jax.random.key(0), 3, 2, jnp.array([1.0, 5.0]), SMALL)
         obs = 100 * jax.random.normal(jax.random.key(1), (200, 3))
         action = np.abs(sac.act(state.actor, obs, jax.random.key(2)))
         assert np.all(action <= np.array([[1.0, 5.0]]))
         assert action[:, 1].max() > 3.0
 
     def test_takes_one_observation_or_any_batch_of_them(self):
-        actor = sac.init(jax.random.key(0), 3, 2, jnp.ones(2), SMALL).actor
+        actor = init(jax.random.key(0), 3, 2, jnp.ones(2), SMALL).actor
         obs = jax.random.normal(jax.random.key(1), (4, 5, 3))
         action = sac.act(actor, obs)
         assert action.shape == (4, 5, 2)
@@ -236,12 +246,14 @@ def example(key: jax.Array) -> tuple[sac.SACState, replay.ReplayBuffer]:
     return sac.init(keys[4], 3, 2, jnp.ones(2), SMALL), replay.add_batch(replay.init(64, 3, 2), batch)
 
 
+compiled_example = jax.jit(example)
+
 assert_close = partial(jax.tree.map, partial(np.testing.assert_allclose, rtol=1e-3, atol=1e-5))
 
 
 class TestPrograms:
     def test_many_updates_are_a_loop_of_single_ones(self):
-        start, buffer = example(jax.random.key(0))
+        start, buffer = compiled_example(jax.random.key(0))
         many, metrics = update_many(start, buffer, jax.random.key(1), 5, SMALL)
         state, single = start, []
         update = jax.jit(partial(sac.update, config=SMALL))
@@ -255,10 +267,10 @@ class TestPrograms:
 
     def test_seeds_under_vmap_are_separate_runs(self):
         keys = jax.random.split(jax.random.key(0), 3)
-        states, buffers = jax.tree.map(lambda *x: jnp.stack(x), *[example(key) for key in keys])
+        states, buffers = jax.tree.map(lambda *x: jnp.stack(x), *[compiled_example(key) for key in keys])
         run = jax.jit(jax.vmap(partial(sac.update_many, n=5, config=SMALL)))
         together, _ = run(states, buffers, keys)
-        alone, _ = update_many(*example(keys[1]), keys[1], 5, SMALL)
+        alone, _ = update_many(*compiled_example(keys[1]), keys[1], 5, SMALL)
         assert_close(jax.tree.map(lambda x: x[1], together), alone)
         assert not np.allclose(together.log_alpha[0], together.log_alpha[1], rtol=1e-9, atol=0.0)
 
@@ -272,7 +284,7 @@ class TestPrograms:
 
 class TestStart:
     def test_two_different_critics_and_equal_targets(self):
-        state = sac.init(jax.random.key(0), 3, 2, jnp.ones(2), SMALL)
+        state = init(jax.random.key(0), 3, 2, jnp.ones(2), SMALL)
         kernel = state.critic["params"]["Dense_0"]["kernel"]
         assert kernel.shape == (2, 5, 8)
         assert not np.allclose(kernel[0], kernel[1])
@@ -281,7 +293,7 @@ class TestStart:
         assert state.log_alpha == 0.0
 
     def test_warm_start_keeps_actor_critics_and_temperature_only(self):
-        start, buffer = example(jax.random.key(0))
+        start, buffer = compiled_example(jax.random.key(0))
         trained, _ = update_many(start, buffer, jax.random.key(1), 5, SMALL)
         warm = sac.warm_start(trained.actor, trained.critic, trained.log_alpha, SMALL)
         same = partial(jax.tree.map, np.testing.assert_array_equal)
@@ -341,4 +353,4 @@ class TestBadInput:
 
     def test_no_updates(self):
         with pytest.raises(ValueError, match="at least 1, got 0"):
-            sac.update_many(*example(jax.random.key(0)), jax.random.key(1), 0, SMALL)
+            sac.update_many(*compiled_example(jax.random.key(0)), jax.random.key(1), 0, SMALL)

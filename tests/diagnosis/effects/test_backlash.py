@@ -58,9 +58,15 @@ def test_a_motor_bounces_off_the_link_with_its_restitution(heavy, restitution):
     assert stepper.data.qvel[0] == pytest.approx(expected, rel=0.03)
 
 
-@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
-@pytest.mark.parametrize("restitution", [0.1, 0.5, 0.9])
-@pytest.mark.parametrize("rotor", [0.015, 0.15, 0.5])
+# A Latin square: every two of the three values meet.
+@pytest.mark.parametrize(
+    ("rotor", "restitution", "integrator"),
+    [
+        (0.015, 0.1, "Euler"), (0.015, 0.5, "RK4"), (0.015, 0.9, "implicitfast"),
+        (0.15, 0.1, "RK4"), (0.15, 0.5, "implicitfast"), (0.15, 0.9, "Euler"),
+        (0.5, 0.1, "implicitfast"), (0.5, 0.5, "Euler"), (0.5, 0.9, "RK4"),
+    ],
+)  # fmt: skip
 def test_a_motor_rests_against_a_link_that_is_held(rotor, restitution, integrator):
     """A joint limit holds the link, of 0.015 kg m^2, against 2 N m: all of them pass, and the motor is still."""
     held = 'limited="true" range="-0.001 0.001" damping="0.01"'

@@ -1,5 +1,6 @@
 """Contracts over the whole vocabulary: parameters, reports, exports, and C against JAX against the batch."""
 
+import copy
 import dataclasses
 
 import jax
@@ -131,15 +132,26 @@ def test_native_export_moves_like_the_effect(effect_id):
         np.testing.assert_allclose(data.qpos, want[k], atol=EXPORTED.get(effect_id, 1e-6))
 
 
+# A single step, called twice: what takes the time is its compilation.
 @jax.jit
 def _plain_step(model, data, u):
     with jax.numpy_rank_promotion("allow"):
-        for _ in range(2):
-            data = mjx.step(model, data.replace(ctrl=u))
-    return data
+        return mjx.step(model, data.replace(ctrl=u))
+
+
+def _of_one_structure(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The same machine with what MJX compiles or leaves out by a model's values: limits, biases and dry friction."""
+    alike = copy.copy(model)
+    alike.actuator_forcerange[alike.actuator_forcelimited == 0] = -1e6, 1e6
+    alike.actuator_forcelimited[:] = True
+    alike.actuator_biasprm[alike.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE] = 0.0
+    alike.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_AFFINE
+    alike.dof_frictionloss[:] = np.maximum(alike.dof_frictionloss, 1e-9)
+    return alike
 
 
 def _compare_with_c(m: Machine, contact: bool, step, data) -> None:
+    """25 rows of two steps each; `data` may be a batch of equal states."""
     stepper = CStepper(m)
     q0 = np.array([0.0, 0.001]) if contact else np.full(m.model.nq, 0.4)
     stepper.reset(q0, np.full(m.model.nv, 0.3))
@@ -147,7 +159,8 @@ def _compare_with_c(m: Machine, contact: bool, step, data) -> None:
         u = 4.0 * command(k) if contact else command(k)
         stepper.step(u, 2)
         data = step(data, jnp.array(u, jnp.float32))
-        np.testing.assert_allclose(np.asarray(data.qpos), stepper.measured(), atol=3e-4)
+        qpos = np.asarray(data.qpos)
+        np.testing.assert_allclose(qpos, np.broadcast_to(stepper.measured(), qpos.shape), atol=3e-4)
 
 
 def _in_steps(effect_id: str) -> bool:
@@ -161,46 +174,40 @@ def _start(m: Machine, contact: bool):
 
 @pytest.mark.parametrize("effect_id", [i for i in EVERY if not _in_steps(i)])
 def test_native_effects_agree_in_c_and_mjx(effect_id):
-    """The model alone carries these effects, so one compiled step serves them all."""
+    """The model alone carries these effects, so one compiled step serves all of a machine."""
     m, contact = machine(effect_id), effect_id in CONTACT
-    data = CorrectedEngine(m).init(*_start(m, contact)).inner
-    _compare_with_c(m, contact, lambda d, u: _plain_step(CorrectedEngine(m).physics.mjx_model, d, u), data)
+    model = m.model if contact else _of_one_structure(m.model)
+    put = mjx.put_model(model)
+    qpos, qvel = _start(m, contact)
+    data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel)
+    _compare_with_c(m, contact, lambda d, u: _plain_step(put, _plain_step(put, d, u), u), data)
 
 
-QUICK = ("stribeck_friction", "joint_flexibility", "actuator_delay", "sensor_delay")
-
-
-@pytest.mark.parametrize(
-    "effect_id",
-    [i if i in QUICK else pytest.param(i, marks=pytest.mark.slow) for i in EVERY if _in_steps(i)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("effect_id", [i for i in EVERY if _in_steps(i)])
 def test_effects_computed_each_step_agree_in_c_and_jax(effect_id):
-    _agrees(effect_id, "mjx")
+    _agrees(machine(effect_id), "mjx")
+
+
+def test_effects_of_every_stage_of_a_step_agree_in_c_and_jax():
+    """Of commands, of forces with and without a memory, and of what is measured: in one machine, compiled once."""
+    ids = ("actuator_delay", "stribeck_friction", "joint_flexibility", "sensor_delay")
+    alone = [machine(i) for i in ids]
+    terms, thetas = zip(*((m.terms[0], m.thetas[0]) for m in alone), strict=True)
+    _agrees(Machine.build(alone[0].ctx, terms, thetas), "mjx")
 
 
 @pytest.mark.parametrize("effect_id", [i for i in EVERY if _in_steps(i)])
 def test_effects_computed_each_step_agree_on_the_c_engine_of_environments(effect_id):
-    _agrees(effect_id, "c")
+    _agrees(machine(effect_id), "c")
 
 
-def _agrees(effect_id: str, backend: str) -> None:
-    m = machine(effect_id)
+def _agrees(m: Machine, backend: str) -> None:
+    """Under `vmap`, as the engine is used."""
     engine = CorrectedEngine(m, backend)
-    step = jax.jit(engine.step, static_argnums=2)
-    _compare_with_c(m, False, lambda d, u: step(d, u, 2), engine.init(*_start(m, False)))
-
-
-def test_jax_engine_is_batched_by_vmap():
-    m = machine("stribeck_friction")
-    engine = CorrectedEngine(m)
-    q0 = jnp.array([[0.1], [0.5], [1.0]])
-    data = jax.jit(jax.vmap(engine.init))(q0, jnp.zeros((3, 1)))
-    data = jax.jit(jax.vmap(lambda d, u: engine.step(d, u, 5)))(data, jnp.zeros((3, 1)))
-    stepper = CStepper(m)
-    for i in range(3):
-        stepper.reset(np.array(q0[i]), np.zeros(1))
-        stepper.step(np.zeros(1), 5)
-        np.testing.assert_allclose(np.asarray(data.qpos[i]), stepper.data.qpos, atol=1e-5)
+    qpos, qvel = (jnp.stack([x, x]) for x in _start(m, False))
+    step = jax.jit(jax.vmap(lambda d, u: engine.step(d, u, 2), (0, None)))
+    _compare_with_c(m, False, step, jax.jit(jax.vmap(engine.init))(qpos, qvel))
 
 
 @pytest.mark.parametrize("effect_id", [i for i in EVERY if i not in CONTACT])

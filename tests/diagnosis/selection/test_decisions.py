@@ -25,6 +25,7 @@ from tests.diagnosis.searches import (
     COULOMB,
     GAIN,
     HINGE,
+    MISTAKEN_FOR_FRICTION,
     STRIBECK,
     fitted,
 )
@@ -135,19 +136,10 @@ def test_a_machine_without_actuators_is_diagnosed_from_its_swings():
 
     xml = PENDULUM[: PENDULUM.index("<actuator>")] + "</mujoco>"
     recordings = [dataclasses.replace(r, ctrl=None) for r in record(xml, 1.0, change=change)]
-    d = diagnose(mujoco.MjSpec.from_string(xml), recordings, Config(jobs=1))
+    effects = ("coulomb_friction", *(i for i in MISTAKEN_FOR_FRICTION if i != "actuator_deadzone"))
+    d = diagnose(mujoco.MjSpec.from_string(xml), recordings, Config(jobs=1, effects=effects))
     assert d.terms == (COULOMB,)
     assert d.fit.theta[0] == pytest.approx(0.05, rel=0.02)
-
-
-MISTAKEN_FOR_IT = (
-    "viscous_damping",
-    "stribeck_friction",
-    "quadratic_drag",
-    "armature",
-    "actuator_deadzone",
-    "mass_scale",
-)
 
 
 def test_a_slight_effect_is_found_in_longer_windows():
@@ -156,13 +148,11 @@ def test_a_slight_effect_is_found_in_longer_windows():
         model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
 
     recordings = record(PENDULUM, 0.8, change=change, noise=2e-3, count=8, seconds=6.0)
-    # what may be taken for it: all others only take time
-    config = Config(jobs=1, effects=("coulomb_friction", *MISTAKEN_FOR_IT))
+    config = Config(jobs=1, effects=("coulomb_friction", *MISTAKEN_FOR_FRICTION))
     d = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, config)
     assert d.terms == (COULOMB,)
     assert d.fit.theta[0] == pytest.approx(0.006, rel=0.1)
-    # windows of a quarter second alone do not show it
-    again = diagnose(
-        mujoco.MjSpec.from_string(PENDULUM), recordings, dataclasses.replace(config, report_s=0.25)
-    )
+    # windows of a quarter second alone do not show it, even where nothing else is looked for
+    config = Config(jobs=1, effects=("coulomb_friction",), report_s=0.25)
+    again = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, config)
     assert again.verdict == "none"
