@@ -64,8 +64,65 @@ def _interval(values: list[float]) -> str:
     return "" if ends is None else f"{ends[0]:.0f} to {ends[1]:.0f}"
 
 
+def in_short(rows: Rows) -> str:
+    """What a cell gave, in a few words: the mean over its seeds."""
+    named = {
+        "return_stochastic": "return {:.0f} in the target",
+        "simulator_error": "held-out error {:.3f} of the simulator as given",
+        "held_out_error": "{:.3f} as it was made",
+    }
+    found = {name: [row[name] for row in rows if row.get(name) is not None] for name in named}
+    said = [text.format(np.mean(found[name])) for name, text in named.items() if found[name]]
+    return ", ".join(said) or "trained"
+
+
 def markdown(rows: Rows, order: list[str], failures: dict[str, str]) -> str:
     """The results as a Markdown table: mean ± std over seeds (ddof 1), the paper's mean beside."""
+    table = _from_log if any("held_out_transitions" in row for row in rows) else _returns
+    lines = table(rows, order)
+    lines += _diagnoses(rows, order)
+    for cell, error in failures.items():
+        lines.append(f"\n{cell} failed: {error}")
+    return "\n".join(lines) + "\n"
+
+
+def _from_log(rows: Rows, order: list[str]) -> list[str]:
+    """What was learned from a recorded log: how well simulators predict the rest of it, and where the policies are."""
+    lines = [
+        "Learned from a recorded log: nothing was run in the target, so there is no return there. The errors are root "
+        "mean square errors of one control step, predicted from the state before it, on transitions that nothing was "
+        "learned from, in standard deviations of the change of each number; mean ± standard deviation over seeds.",
+        "",
+        "| method | transitions used | seeds | error of the simulator as given | as the method made it "
+        "| transitions held out | simulator steps to ground, a seed | policies |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    groups = _groups(rows)
+    for method, samples in sorted(groups, key=lambda cell: (order.index(cell[0]), cell[1])):
+        group = groups[method, samples]
+        column = lambda name, g=group: [row[name] for row in g if row.get(name) is not None]  # noqa: E731
+        given, made = column("simulator_error"), column("held_out_error")
+        simulated = sorted(set(column("grounding_simulator_steps")))
+        lines.append(
+            f"| {method} | {'/'.join(f'{x:,}' for x in sorted(set(column('target_steps'))))} | {len(group)} "
+            f"| {_cell(given[:1], 3) or 'not known'} | {_cell(made, 3) or '-'} | {column('held_out_transitions')[0]:,} "
+            f"| {'/'.join(f'{x:,}' for x in simulated)} | `cells/{method}-{samples}/policy` |"
+        )
+    return [
+        *lines,
+        "",
+        "A folder of policies is an orbax checkpoint, one policy for each seed. To act with that of seed 0:",
+        "",
+        "```python",
+        "from mpge_jax.rollouts import policies",
+        "",
+        'policy = policies.controller("cells/METHOD-SAMPLES/policy", 0)',
+        "action = policy(observation)  # the observation of the task [O], the action [A] in the actuators' units",
+        "```",
+    ]
+
+
+def _returns(rows: Rows, order: list[str]) -> list[str]:
     lines = [
         "| method | samples | seeds | return, stochastic | 95 % interval of its mean | return, deterministic | paper "
         "| transform error | target steps a seed | simulator steps to ground, a seed |",
@@ -87,10 +144,7 @@ def markdown(rows: Rows, order: list[str], failures: dict[str, str]) -> str:
             f"| {_cell(column('transform_error'), 3)} | {'/'.join(f'{x:,}' for x in steps)} "
             f"| {'/'.join(f'{x:,}' for x in simulated)} |"
         )
-    lines += _diagnoses(rows, order)
-    for cell, error in failures.items():
-        lines.append(f"\n{cell} failed: {error}")
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _diagnoses(rows: Rows, order: list[str]) -> list[str]:

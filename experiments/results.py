@@ -106,6 +106,8 @@ def read_sweep(folder: Path) -> Sweep:
         for file in sorted((folder / "cells").glob("*/error.json"))
         if not (file.parent / "result.json").exists()
     }
+    if "target_log" in record.get("identity", {}):
+        raise ValueError(f"{folder} was made from a recorded log and has no returns; read its own results.md")
     try:
         return Sweep(
             name=folder.resolve().name,

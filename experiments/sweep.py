@@ -1,6 +1,7 @@
 """The main job: compare methods on a target. `python -m experiments.sweep --help` lists what is allowed.
 
 python -m experiments.sweep --task BrokenCheetah --method SPG MPGE-MS --samples 5000 --seeds 3 --preset standard
+python -m experiments.sweep --task my_robot.py:MyRobot --target-log my_bag/ --method MPGE-MS diagnosed
 """
 
 import difflib
@@ -22,7 +23,7 @@ import envs
 from envs import own_tasks
 from envs.variants import HIDDEN, PAPER
 from experiments import methods, report
-from experiments.methods import METHODS, Cell
+from experiments.methods import METHODS, Cell, LogFiles, logged
 from experiments.presets import PRESETS, Preset
 from experiments.storage import SweepFolder, plain
 from mpge_jax import files
@@ -31,7 +32,8 @@ from mpge_jax.rollouts import policies
 _TASKS_HELP = (
     "target: "
     + ", ".join(v.name for v in (*PAPER, *HIDDEN))
-    + "; one of ODRL's (docs/targets.md); or path/to/file.py:NAME, a target of your own"
+    + "; one of ODRL's (docs/targets.md); or path/to/file.py:NAME, a target of your own; with --target-log the "
+    "simulator, an envs.Task"
 )
 _METHODS_HELP = "methods, or 'all': " + ", ".join(METHODS)
 _PRESETS_HELP = "configuration: " + ", ".join(PRESETS)
@@ -43,9 +45,20 @@ class Args:
 
     task: Annotated[str, tyro.conf.arg(help=_TASKS_HELP)] = "SkewedPendulum"
     method: Annotated[tuple[str, ...], tyro.conf.arg(help=_METHODS_HELP)] = ("all",)
-    samples: Annotated[tuple[int, ...], tyro.conf.arg(help="transitions recorded in the target")] = (1000,)
+    samples: Annotated[
+        tuple[int, ...],
+        tyro.conf.arg(help="transitions recorded in the target (default: 1000; of a log all)"),
+    ] = ()
     seeds: Annotated[int, tyro.conf.arg(help="number of repetitions, 0 to seeds - 1")] = 2
     preset: Annotated[str, tyro.conf.arg(help=_PRESETS_HELP)] = "quick"
+    target_log: Annotated[
+        tuple[Path, ...],
+        tyro.conf.arg(help="recordings of the target, files or folders, in place of a simulated one"),
+    ] = ()
+    model: Annotated[
+        Path | None, tyro.conf.arg(help="MJCF or URDF of the machine in the log (default: the task's own)")
+    ] = None
+    map: Annotated[Path | None, tyro.conf.arg(help="renames and converts the log's columns")] = None
     out: Annotated[Path | None, tyro.conf.arg(help="output folder (default: results/TASK-PRESET)")] = None
     backend: Annotated[str, tyro.conf.arg(help="physics: " + ", ".join(envs.BACKENDS))] = "auto"
     dynamics: Annotated[str, tyro.conf.arg(help="inertia of capsules: " + ", ".join(envs.DYNAMICS))] = (
@@ -70,13 +83,8 @@ def cells_of(args: Args) -> tuple[list[Cell], Preset]:
     """
     preset = PRESETS[_check(args.preset, list(PRESETS), "preset")]
     own = own_tasks.split(args.task)
-    if own is None:
-        task = _check(args.task, [name for name in envs.names() if envs.source_of(name) != name], "task")
-    else:
-        # With its whole path, so that any process finds it.
-        task = f"{own[0].resolve()}:{envs.plain_name(args.task)}"
-        if envs.source_of(task) == envs.plain_name(task):
-            raise ValueError(f"--task {args.task} is a source task: name a target, an envs.Variant of it")
+    task = _task_of(args, own)
+    if own is not None:
         preset = preset.with_task(envs.source_of(task))
     _check(args.backend, envs.BACKENDS, "backend")
     _check(args.dynamics, envs.DYNAMICS, "dynamics")
@@ -86,12 +94,18 @@ def cells_of(args: Args) -> tuple[list[Cell], Preset]:
         )
     if args.seeds < 1:
         raise ValueError(f"--seeds must be at least 1, got {args.seeds}")
-    chosen = (
-        list(METHODS)
-        if args.method == ("all",)
-        else [_check(m, list(METHODS), "method") for m in args.method]
-    )
-    for samples in args.samples:
+    if not args.target_log and (args.model or args.map):
+        raise ValueError("--model and --map are for reading a log; give it with --target-log")
+    known = methods.from_logs() if args.target_log else list(METHODS)
+    chosen = known if args.method == ("all",) else [_check(m, list(METHODS), "method") for m in args.method]
+    for method in chosen:
+        if method not in known:
+            raise ValueError(
+                f"--method {method} learns nothing from a log, and there is no target to act in but --target-log "
+                f"(allowed: {', '.join(known)})"
+            )
+    files, sizes = _recorded(args, task) if args.target_log else (None, list(args.samples or (1000,)))
+    for samples in sizes:
         if samples < preset.policies:
             raise ValueError(
                 f"--samples {samples} is smaller than the number of rollout policies, {preset.policies}"
@@ -100,11 +114,43 @@ def cells_of(args: Args) -> tuple[list[Cell], Preset]:
         _check_policies(args.task, chosen, preset)
     seeds = tuple(range(args.seeds))
     cells = [
-        Cell(task, method, samples, seeds, preset, args.backend, args.dynamics)
+        Cell(task, method, samples, seeds, preset, args.backend, args.dynamics, files)
         for method in dict.fromkeys(chosen)
-        for samples in methods.known_samples(sorted(set(args.samples)), method)
+        for samples in methods.known_samples(sorted(set(sizes)), method)
     ]
     return cells, preset
+
+
+def _task_of(args: Args, own: tuple[Path, str] | None) -> str:
+    """The target, or with a recorded one the simulator; of a file of one's own with its whole path, so that any process
+    finds it."""
+    plain = envs.plain_name(args.task)
+    if own is None:
+        is_source = {name: envs.source_of(name) == name for name in envs.names()}
+        if args.target_log and not is_source.get(plain, True):
+            raise ValueError(
+                f"--task {plain} is a simulated target; with --target-log it names the simulator, as "
+                f"{envs.source_of(plain)}"
+            )
+        return _check(
+            plain, [n for n, source in is_source.items() if source == bool(args.target_log)], "task"
+        )
+    task = f"{own[0].resolve()}:{plain}"
+    if (envs.source_of(task) == plain) != bool(args.target_log):
+        raise ValueError(
+            f"--task {args.task} is a simulated target; with --target-log it names the simulator, an envs.Task"
+            if args.target_log
+            else f"--task {args.task} is a source task: name a target, an envs.Variant of it"
+        )
+    return task
+
+
+def _recorded(args: Args, task: str) -> tuple[LogFiles, list[int]]:
+    """The log of a real target, and how many of its transitions are learned from."""
+    resolve = lambda path: None if path is None else path.resolve()  # noqa: E731
+    files = LogFiles(tuple(p.resolve() for p in args.target_log), resolve(args.model), resolve(args.map))
+    available = logged.read(files, envs.source_of(task)).train.size
+    return files, logged.checked_samples(args.samples, available)
 
 
 def _check_policies(task: str, chosen: Sequence[str], preset: Preset) -> None:
@@ -123,8 +169,9 @@ def _check_policies(task: str, chosen: Sequence[str], preset: Preset) -> None:
 def sweep(args: Args) -> int:
     """Runs every cell that has no result yet; returns the number of cells that failed."""
     cells, preset = cells_of(args)
-    task = cells[0].task
-    out = args.out or Path("results") / f"{envs.plain_name(task)}-{args.preset}"
+    task, log = cells[0].task, cells[0].files
+    kind = args.preset if log is None else f"log-{args.preset}"
+    out = args.out or Path("results") / f"{envs.plain_name(task)}-{kind}"
     own = own_tasks.split(task)
     identity = plain(
         {
@@ -134,6 +181,7 @@ def sweep(args: Args) -> int:
             "preset": preset,
             "backend": args.backend,
             "dynamics": args.dynamics,
+            **({} if log is None else {"target_log": logged.fingerprint(log)}),
         }
     )
     folder = SweepFolder(out, identity)
@@ -146,6 +194,10 @@ def _run(args: Args, cells: list[Cell], preset: Preset, folder: SweepFolder) -> 
     source = envs.source_of(cells[0].task)
     settings = preset.tasks[source]
     console.print(f"{target}, preset {preset.name}, seeds {args.seeds}, results in {out}")
+    if (log := cells[0].files) is not None:
+        left_out = [name for name in METHODS if name not in methods.from_logs()]
+        for note in (*logged.told(log, source), f"not possible from a log: {', '.join(left_out)}"):
+            console.print(note, highlight=False, markup=False)
     console.print(pprint.pformat(settings, width=110), highlight=False)
     steps = {
         name: config.simulator_steps
@@ -175,8 +227,7 @@ def _run(args: Args, cells: list[Cell], preset: Preset, folder: SweepFolder) -> 
         share = {name: round(value / len(outcome.rows), 1) for name, value in spent.items()}
         rows = [{**row, **share} for row in outcome.rows]
         folder.save_cell(cell.method, cell.samples, rows, outcome.curve, outcome.transformers, outcome.agents)
-        mean = sum(row["return_stochastic"] for row in rows) / len(rows)
-        console.print(f"{label}: return {mean:.0f} in the target, {seconds:.0f} s", highlight=False)
+        console.print(f"{label}: {report.in_short(rows)}, {seconds:.0f} s", highlight=False)
         write_report(folder, target, steps, failures)
     write_report(folder, target, steps, failures)
     Console().print(Markdown((out / "results.md").read_text()))
@@ -188,7 +239,7 @@ def write_report(folder: SweepFolder, task: str, steps: dict[str, int], failures
     """Tables and pictures of what is there so far."""
     rows = folder.rows()
     folder.write_tables(report.markdown(rows, list(METHODS), failures))
-    if rows:
+    if any("return_stochastic" in row for row in rows):
         report.returns_figure(rows, folder.path / "returns.png", task)
     curves = folder.curves()
     if any("error_uniform" in curve for curve in curves.values()):

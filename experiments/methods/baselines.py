@@ -23,7 +23,7 @@ def target(work: Work) -> Trained:
     settings = work.cell.preset.tasks[work.source.name]
     steps = settings.agent.env_steps(settings.agent_iterations)
     count = len(work.cell.seeds)
-    return Trained(train(work, lambda _: work.target), [steps] * count, [{}] * count)
+    return Trained(train(work, lambda _: work.live_target), [steps] * count, [{}] * count)
 
 
 def finetune(work: Work) -> Trained:
@@ -45,9 +45,9 @@ def finetune(work: Work) -> Trained:
         random_steps=first,
     )
     init = jax.jit(
-        jax.vmap(lambda key, learner: agent.init(key, work.target, config, learner, first="policy"))
+        jax.vmap(lambda key, learner: agent.init(key, work.live_target, config, learner, first="policy"))
     )
-    step = jax.jit(jax.vmap(lambda state: agent.iterate(state, work.target, config)), donate_argnums=0)
+    step = jax.jit(jax.vmap(lambda state: agent.iterate(state, work.live_target, config)), donate_argnums=0)
     state = run_agents(
         work,
         step,

@@ -15,12 +15,29 @@ import numpy as np
 
 import envs
 from experiments.presets import Preset
+from mpge_jax.grounding.prediction import HeldOut
 from mpge_jax.grounding.transform_error import Truth
 from mpge_jax.grounding.transformer import Transformer
 from mpge_jax.learning.sac import SACState
 from mpge_jax.loop import Curve
 from mpge_jax.rollouts.policies import PolicySet
+from mpge_jax.rollouts.rollout import RolloutPolicies
 from mpge_jax.rollouts.target_log import TargetLog
+
+
+@dataclass(frozen=True)
+class LogFiles:
+    """A recorded log in place of a simulated target.
+
+    Attributes:
+      paths: files and folders of recordings.
+      model: of the machine in them, where that is not the task's own.
+      map: file that renames and converts columns.
+    """
+
+    paths: tuple[Path, ...]
+    model: Path | None = None
+    map: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -34,6 +51,7 @@ class Cell:
     preset: Preset
     backend: str
     dynamics: str
+    files: LogFiles | None = None
 
     def keys(self, stage: str, *shared: str) -> jax.Array:
         """A key for each seed, `[S]`, for one stage of the work.
@@ -71,23 +89,33 @@ class Work:
     Attributes:
       cell: what is asked.
       method: which one it is.
-      source, target: the simulator, and what a policy is carried to.
+      source, target: the simulator, and what a policy is carried to; None where that is known by a log alone.
       sets: the policies of each seed, every leaf `[S, K, ...]`.
       logs: what they recorded in the target, every leaf `[S, ...]`; None for a method that asks for no log.
       folder: where it may keep what it needs to be resumed.
       truth: the change of actions that makes the source move as the target, where it is known; for reporting only.
       quiet: no progress bars.
+      behaviour: what acted in a recorded log, every leaf `[S, K, ...]`; None where the policies of `sets` did.
+      held_out: transitions of a recorded log that nothing is learned from; for reporting only.
     """
 
     cell: Cell
     method: "Method"
     source: envs.Env
-    target: envs.Env
+    target: envs.Env | None
     sets: PolicySet
     logs: TargetLog | None
     folder: Path
     truth: Truth | None = None
     quiet: bool = False
+    behaviour: RolloutPolicies | None = None
+    held_out: HeldOut | None = None
+
+    @property
+    def live_target(self) -> envs.Env:
+        """The target of a method that acts in it."""
+        assert self.target is not None
+        return self.target
 
     @property
     def recorded(self) -> TargetLog:
@@ -103,10 +131,10 @@ class Work:
     def only(self, i: int) -> "Work":
         """The part of seed number `i`."""
         seed = self.cell.seeds[i]
-        sets, logs = jax.tree.map(lambda x: x[i : i + 1], (self.sets, self.logs))
+        sets, logs, behaviour = jax.tree.map(lambda x: x[i : i + 1], (self.sets, self.logs, self.behaviour))
         cell = replace(self.cell, seeds=(seed,))
         folder = self.folder / f"seed_{seed}"
-        return replace(self, cell=cell, sets=sets, logs=logs, folder=folder)
+        return replace(self, cell=cell, sets=sets, logs=logs, behaviour=behaviour, folder=folder)
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,12 @@ import envs
 from envs.legacy import use_legacy_inertia
 from experiments.methods.cell import Trained, Work
 from experiments.methods.grounded import grounded
+from experiments.methods.logged import prediction_error
 from experiments.methods.training import train
 from mpge_jax import files
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.corrected.tasks import corrected_env, nominal_spec, recordings_of
+from mpge_jax.grounding import prediction
 
 
 def diagnosed(work: Work) -> Trained:
@@ -35,7 +37,8 @@ def diagnosed_and_grounded(work: Work) -> Trained:
 
 
 def _in_simulator(work: Work) -> Trained:
-    return Trained(train(work, lambda _: work.source), work.log_sizes, [{}])
+    error = prediction_error(work, lambda rows: prediction.error_under(work.source, rows, rows.action))
+    return Trained(train(work, lambda _: work.source), work.log_sizes, [error])
 
 
 def _each(work: Work, method: Callable[[Work], Trained]) -> Trained:

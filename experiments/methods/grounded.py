@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 
 from experiments.methods.cell import Method, Trained, Work
+from experiments.methods.logged import in_logged_states, prediction_error
 from experiments.methods.training import train
 from experiments.presets import Preset
-from mpge_jax.grounding import ensemble, transform_error
+from mpge_jax.grounding import ensemble, prediction, transform_error
 from mpge_jax.grounding.config import GroundingConfig
 from mpge_jax.grounding.grounded_env import GroundedEnv
 from mpge_jax.grounding.transformer import Transformer
@@ -22,8 +23,10 @@ def grounded(work: Work) -> Trained:
     transformers, curve, simulated = ground(work)
     seconds = time.monotonic() - started
     extra = [
-        {"grounding_simulator_steps": steps, **error}
-        for steps, error in zip(simulated, errors(work, transformers), strict=True)
+        {"grounding_simulator_steps": steps, **error, **held_out}
+        for steps, error, held_out in zip(
+            simulated, errors(work, transformers), held_out_errors(work, transformers), strict=True
+        )
     ]
     learners = train(work, lambda members: GroundedEnv(work.source, members), transformers)
     return Trained(learners, work.log_sizes, extra, seconds, curve, transformers)
@@ -47,7 +50,8 @@ def ground(work: Work) -> tuple[Transformer, Curve, list[int]]:
     """Transformers `[S, N, ...]`, the curve `[iterations, S, N]`, and the simulator steps of each seed."""
     cell, method, source, sets, logs = work.cell, work.method, work.source, work.sets, work.recorded
     seeds, members = len(cell.seeds), cell.preset.members if method.ensemble else 1
-    config = grounding_config(method, cell.preset, source.name)
+    config = in_logged_states(work, grounding_config(method, cell.preset, source.name))
+    actors = sets.rollout if work.behaviour is None else work.behaviour
     plus = cell.preset.plus if method.grounding == "inversion+vine" else None
     rows = work.log_sizes
     simulated = [0] * seeds
@@ -76,7 +80,7 @@ def ground(work: Work) -> tuple[Transformer, Curve, list[int]]:
     assert config is not None
     transformers, curve = ensemble.ground_ensemble(
         source,
-        repeat(sets.rollout),
+        repeat(actors),
         repeat(logs),
         config,
         keys("grounding").reshape(-1),
@@ -100,6 +104,18 @@ def ground(work: Work) -> tuple[Transformer, Curve, list[int]]:
     ]
     folded = {name: values.reshape(len(values), seeds, members) for name, values in curve.items()}
     return fold(transformers), folded, simulated
+
+
+def held_out_errors(work: Work, transformers: Transformer) -> list[dict[str, Any]]:
+    """How well each seed's grounded simulator predicts transitions held out; mean over members."""
+
+    def one(i: int) -> dict[str, Any]:
+        members = jax.tree.map(lambda x: x[i], transformers)
+        return prediction_error(
+            work, lambda rows: jax.vmap(lambda m: prediction.one_step_error(work.source, m, rows))(members)
+        )
+
+    return [one(i) for i in range(len(work.cell.seeds))]
 
 
 def errors(work: Work, transformers: Transformer) -> list[dict[str, Any]]:

@@ -106,6 +106,11 @@ METHODS = {
 }
 
 
+def from_logs() -> list[str]:
+    """Methods that learn from a log, and so need no target to act in."""
+    return [name for name, method in METHODS.items() if method.samples == "log"]
+
+
 def known_samples(samples: Sequence[int], method: str) -> list[int]:
     """The sample sizes that a method has cells for: 0 alone where it uses none."""
     return list(samples) if METHODS[method].uses_samples else [0]

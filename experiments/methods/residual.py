@@ -3,15 +3,21 @@
 import dataclasses
 import time
 from dataclasses import replace
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from experiments.methods.cell import Trained, Work
+from experiments.methods.logged import prediction_error
 from experiments.methods.training import train
 from mpge_jax import loop
+from mpge_jax.grounding import delta_action, prediction
 from mpge_jax.grounding.delta_action import DeltaConfig, DeltaEnv, TrackingEnv
+from mpge_jax.grounding.prediction import HeldOut
 from mpge_jax.learning import agent
+from mpge_jax.learning.sac import Actor
 from mpge_jax.rollouts.trajectories import Trajectories, trajectories
 
 CONFIG = DeltaConfig()
@@ -48,6 +54,20 @@ def delta(work: Work) -> Trained:
     seconds = time.monotonic() - started
     steps = config.env_steps(settings.agent_iterations)
     learners = train(work, lambda actor: DeltaEnv(work.source, actor), state.learner.actor)
-    return Trained(
-        learners, work.log_sizes, [{"grounding_simulator_steps": steps}] * len(cell.seeds), seconds
-    )
+    extra = [
+        {"grounding_simulator_steps": steps, **_held_out_error(work, state.learner.actor, i)}
+        for i in range(len(cell.seeds))
+    ]
+    return Trained(learners, work.log_sizes, extra, seconds)
+
+
+def _held_out_error(work: Work, actors: Actor, i: int) -> dict[str, Any]:
+    actor = jax.tree.map(lambda x: x[i], actors)
+    low, high = (jnp.asarray(x)[None] for x in (work.source.action_low, work.source.action_high))
+
+    def error(rows: HeldOut) -> jax.Array:
+        asked = jnp.clip(rows.action, low, high)
+        added = jax.vmap(lambda obs, action: delta_action.delta(actor, obs, action))(rows.observation, asked)
+        return prediction.error_under(work.source, rows, jnp.clip(asked + added, low, high))
+
+    return prediction_error(work, error)

@@ -69,7 +69,15 @@ def one_step_error(env: Env, pi_g: Transformer, rows: HeldOut) -> Float[Array, "
       ValueError: an observation of `env` does not determine its state.
     """
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
-    executed = transformer.deterministic(pi_g, rows.observation, rows.action, low, high)
+    return error_under(env, rows, transformer.deterministic(pi_g, rows.observation, rows.action, low, high))
+
+
+def error_under(env: Env, rows: HeldOut, executed: Float[Array, "H A"]) -> Float[Array, ""]:
+    """The error of `one_step_error` where the simulator executes the actions `executed`, whatever was asked for.
+
+    Raises:
+      ValueError: an observation of `env` does not determine its state.
+    """
     predicted = jax.vmap(env.predict)(rows.observation, executed)
     counts = rows.weight[:, None] > 0
 

@@ -14,6 +14,7 @@ import flax.traverse_util
 import jax
 import jax.numpy as jnp
 import numpy as np
+import orbax.checkpoint as ocp
 from jaxtyping import Array, Float
 
 import envs
@@ -146,6 +147,56 @@ def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
         raise ValueError(
             f"{path} is damaged or is not a policy set ({type(error).__name__}: {error})"
         ) from error
+
+
+def save_checkpoint(folder: Path | str, policies: PolicySet) -> None:
+    """Writes a set as an orbax checkpoint, in full precision and atomically, in place of one that is there."""
+    tree = {
+        "actor": policies.actor.params,
+        "action_scale": policies.actor.action_scale,
+        "critic": policies.critic,
+        "log_alpha": policies.log_alpha,
+    }
+    with ocp.StandardCheckpointer() as checkpointer:
+        checkpointer.save(Path(folder).absolute(), jax.tree.map(np.asarray, tree), force=True)
+
+
+def load_checkpoint(folder: Path | str) -> PolicySet:
+    """Reads what `save_checkpoint` wrote.
+
+    Raises:
+      FileNotFoundError: there is no such folder.
+      ValueError: it is damaged or holds something else.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"there is no checkpoint of policies at {folder}")
+    try:
+        with ocp.StandardCheckpointer() as checkpointer:
+            tree = checkpointer.restore(folder.absolute())
+        actor = Actor(tree["actor"], tree["action_scale"])
+        loaded = jax.tree.map(jnp.asarray, PolicySet(actor, tree["critic"], tree["log_alpha"]))
+        if {x.shape[0] for x in jax.tree.leaves(loaded)} != {loaded.size}:
+            raise ValueError("its arrays do not belong to one number of policies")
+    except Exception as error:
+        reason = " ".join(str(error).split())[:150]
+        raise ValueError(
+            f"{folder} is damaged or is no checkpoint of policies ({type(error).__name__}: {reason})"
+        ) from error
+    return loaded
+
+
+def controller(
+    folder: Path | str, index: int = 0
+) -> Callable[[Float[np.ndarray, " O"]], Float[np.ndarray, " A"]]:
+    """Policy `index` of a checkpoint, ready to act: `observation [O] -> action [A]`, the mode, in the actuators' units.
+
+    Raises:
+      FileNotFoundError, ValueError: as `load_checkpoint`, or there is no such policy.
+    """
+    actor = _rows(load_checkpoint(folder).select([index]).actor, 0)
+    mode = jax.jit(sac.act)
+    return lambda observation: np.asarray(mode(actor, jnp.asarray(observation, jnp.float32)))
 
 
 def shipped_path(task: str, kind: str, entropy_coefficient: float = ER_COEFFICIENT) -> Path:
