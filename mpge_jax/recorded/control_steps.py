@@ -17,6 +17,8 @@ NOTED = 0.005
 """The same, from which on it is told."""
 LOST = 1.5
 """Typical times between rows beyond which rows are missing."""
+PHASES = 50
+"""Most rows at which the first step of a stretch may begin."""
 UNEVEN = 0.02
 """Change of a command within a step, as a share of half its range (rms), from which on it is told."""
 
@@ -45,7 +47,8 @@ def control_steps(r: Recording, qvel: Array, dt: float, half_range: Array) -> St
     """The control steps in a recording.
 
     Rows that are one step apart are taken as they are. Where they are closer, states are read at every step, between
-    two rows linearly; a command that changes within a step counts by its mean. No step spans missing rows.
+    two rows linearly, and steps begin where commands change; one that changes within a step counts by its mean. No step
+    spans missing rows.
 
     Args:
         r: commands included. qvel: [T, nv] velocities at its rows. dt: s of a step.
@@ -84,7 +87,7 @@ def control_steps(r: Recording, qvel: Array, dt: float, half_range: Array) -> St
     changed = float(np.max(uneven / np.maximum(half_range, 1e-12), initial=0.0))
     if changed > UNEVEN:
         notes.append(
-            f"{r.name}: commands change within a step of the task (by {100 * changed:.2g} % of half their range, rms); "
+            f"{r.name}: commands change within a step of the task (by {100 * changed:.0f} % of half their range, rms); "
             "their mean over the step counts as the action."
         )
     qpos, speed, next_qpos, next_speed, ctrl = (np.concatenate([p[k] for p in parts]) for k in range(5))
@@ -104,6 +107,13 @@ def _whole(r: Recording, qvel: Array, a: int, b: int) -> Part:
 
 
 def _read_between(r: Recording, qvel: Array, a: int, b: int, dt: float) -> Part:
+    """Steps that begin where the log's own commands change, as far as these are held as long."""
+    starts = [k for k in range(a, b) if r.time[k] < r.time[a] + (1 - SAME) * dt][:PHASES]
+    parts = [_read_from(r, qvel, k, b, dt) for k in starts]
+    return min(parts, key=lambda part: float(part[5].mean()) if len(part[5]) else np.inf)
+
+
+def _read_from(r: Recording, qvel: Array, a: int, b: int, dt: float) -> Part:
     assert r.ctrl is not None
     time = r.time[a:b]
     count = int(np.floor((time[-1] - time[0]) / dt * (1 + 1e-9)))

@@ -36,26 +36,26 @@ def run(monkeypatch, *arguments) -> int:
 
 
 def test_policies_and_errors_come_from_the_log_and_nothing_is_run_in_a_target(
-    monkeypatch, tmp_path, log, capsys
+    monkeypatch, tmp_path, log, capsys, begun
 ):
     made, make = [], envs.make
     monkeypatch.setattr(envs, "make", lambda name, *a, **k: made.append(name) or make(name, *a, **k))
     out = tmp_path / "out"
-    command = ("--target-log", log, "--method", "SPG", "--out", out)
+    command = ("--target-log", log, "--method", "GAT", "--out", out)
     assert run(monkeypatch, *command, "--samples", 14, "--seeds", 2) == 0
     assert set(made) == {"InvertedPendulum"}
     rows = json.loads((out / "results.json").read_text())["rows"]
-    assert [(row["method"], row["samples"], row["target_steps"]) for row in rows] == [("SPG", 14, 14)] * 2
+    assert [(row["method"], row["samples"], row["target_steps"]) for row in rows] == [("GAT", 14, 14)] * 2
     for row in rows:
         assert not any(name.startswith("return") for name in row)
         assert row["simulator_error"] > 0.05 and np.isfinite(row["held_out_error"])
     table = (out / "results.md").read_text()
-    assert "nothing was run in the target" in table and "`cells/SPG-14/policy`" in table
+    assert "nothing was run in the target" in table and "`cells/GAT-14/policy`" in table
     assert not (out / "returns.png").exists()
     said = capsys.readouterr().err
     assert "not possible from a log: direct, DR, finetune, target" in said and "14 as it was made" not in said
-    policy = policies.controller(out / "cells" / "SPG-14" / "policy", 1)
-    kept, _ = policies.load(out / "cells" / "SPG-14" / "agents.npz")
+    policy = policies.controller(out / "cells" / "GAT-14" / "policy", 1)
+    kept, _ = policies.load(out / "cells" / "GAT-14" / "agents.npz")
     observation = jax.numpy.array([0.1, -0.05, 0.2, 0.3])
     expected = jax.vmap(lambda actor: policies.sac.act(actor, observation))(kept.actor)[1]
     np.testing.assert_allclose(policy(observation), expected, atol=1e-2)
