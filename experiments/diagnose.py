@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mpge_jax import files
-from mpge_jax.diagnosis import Config, InputError, diagnose, load_effects
+from mpge_jax.diagnosis import Config, InputError, diagnose, load_effects, load_readers
 from mpge_jax.diagnosis.recordings.column_map import load
 from mpge_jax.diagnosis.report.effect_table import vocabulary_table
 from mpge_jax.diagnosis.report.terminal import summary
@@ -55,6 +55,13 @@ def parser() -> argparse.ArgumentParser:
         metavar="FILE.py",
         help="files that register effects of your own",
     )
+    out.add_argument(
+        "--reader-file",
+        type=Path,
+        nargs="+",
+        metavar="FILE.py",
+        help="files that register readers of your own for logs",
+    )
     out.add_argument("--list-effects", action=_ListEffects, help="print the effects that it knows, and exit")
     out.add_argument("--map", type=Path, metavar="MAP.yaml", help="renames and converts columns")
     out.add_argument("--seed", type=int, default=0)
@@ -95,6 +102,8 @@ def main(argv: list[str] | None = None) -> int:
         columns = None if args.map is None else load(args.map)
         for file in args.effects_file or ():
             load_effects(file)
+        for file in args.reader_file or ():
+            load_readers(file)
         config = _config(args)
         _check_out(args.out)
         progress = args.out / ".progress.json"

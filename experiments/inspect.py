@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from mpge_jax import files
-from mpge_jax.diagnosis import InputError
+from mpge_jax.diagnosis import InputError, load_readers
 from mpge_jax.diagnosis.inspection.map_file import map_text
 from mpge_jax.diagnosis.inspection.overview import Overview, overviews
 from mpge_jax.diagnosis.inspection.picture import draw
@@ -29,6 +29,13 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("log", nargs="+", type=Path, help="logs: .npz, .csv, .h5, .bag, .db3, .mcap, or folders")
     out.add_argument("--model", required=True, type=Path, help="MJCF or URDF file of the model")
     out.add_argument("--map", type=Path, metavar="MAP.yaml", help="renames and converts columns")
+    out.add_argument(
+        "--reader-file",
+        type=Path,
+        nargs="+",
+        metavar="FILE.py",
+        help="files that register readers of your own for logs",
+    )
     out.add_argument("--out", type=Path, default=Path("inspection"), help="folder for picture and map")
     return out
 
@@ -38,6 +45,8 @@ def main(argv: list[str] | None = None) -> int:
     args = parser().parse_args(argv)
     try:
         columns = None if args.map is None else load(args.map)
+        for file in args.reader_file or ():
+            load_readers(file)
         model = compile_variable(load_spec(args.model))
         names = names_of(model)
         found = [(p, o) for p in find_files(args.log) for o in overviews(p, model, names, columns)]
@@ -54,6 +63,7 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     print("written: " + ", ".join(map(str, written)))
     given = [] if args.map is None else ["--map", str(args.map)]
+    given += ["--reader-file", *map(str, args.reader_file)] if args.reader_file else []
     command = [
         "python",
         "-m",

@@ -59,6 +59,9 @@ class Args:
         Path | None, tyro.conf.arg(help="MJCF or URDF of the machine in the log (default: the task's own)")
     ] = None
     map: Annotated[Path | None, tyro.conf.arg(help="renames and converts the log's columns")] = None
+    reader_file: Annotated[
+        tuple[Path, ...], tyro.conf.arg(help="files that register readers of your own for the log")
+    ] = ()
     out: Annotated[Path | None, tyro.conf.arg(help="output folder (default: results/TASK-PRESET)")] = None
     backend: Annotated[str, tyro.conf.arg(help="physics: " + ", ".join(envs.BACKENDS))] = "auto"
     dynamics: Annotated[str, tyro.conf.arg(help="inertia of capsules: " + ", ".join(envs.DYNAMICS))] = (
@@ -94,8 +97,8 @@ def cells_of(args: Args) -> tuple[list[Cell], Preset]:
         )
     if args.seeds < 1:
         raise ValueError(f"--seeds must be at least 1, got {args.seeds}")
-    if not args.target_log and (args.model or args.map):
-        raise ValueError("--model and --map are for reading a log; give it with --target-log")
+    if not args.target_log and (args.model or args.map or args.reader_file):
+        raise ValueError("--model, --map and --reader-file are for reading a log; give it with --target-log")
     known = methods.from_logs() if args.target_log else list(METHODS)
     chosen = known if args.method == ("all",) else [_check(m, list(METHODS), "method") for m in args.method]
     for method in chosen:
@@ -148,7 +151,12 @@ def _task_of(args: Args, own: tuple[Path, str] | None) -> str:
 def _recorded(args: Args, task: str) -> tuple[LogFiles, list[int]]:
     """The log of a real target, and how many of its transitions are learned from."""
     resolve = lambda path: None if path is None else path.resolve()  # noqa: E731
-    files = LogFiles(tuple(p.resolve() for p in args.target_log), resolve(args.model), resolve(args.map))
+    files = LogFiles(
+        tuple(p.resolve() for p in args.target_log),
+        resolve(args.model),
+        resolve(args.map),
+        tuple(p.resolve() for p in args.reader_file),
+    )
     available = logged.read(files, envs.source_of(task)).train.size
     return files, logged.checked_samples(args.samples, available)
 

@@ -33,11 +33,13 @@ class LogFiles:
       paths: files and folders of recordings.
       model: of the machine in them, where that is not the task's own.
       map: file that renames and converts columns.
+      readers: files that register readers for such logs.
     """
 
     paths: tuple[Path, ...]
     model: Path | None = None
     map: Path | None = None
+    readers: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.methods.cell import Cell, LogFiles, Method, Work
-from mpge_jax.diagnosis import InputError
+from mpge_jax.diagnosis import InputError, load_readers
 from mpge_jax.diagnosis.recordings import column_map
 from mpge_jax.grounding.config import GroundingConfig
 from mpge_jax.grounding.prediction import HeldOut
@@ -42,6 +42,8 @@ def read(files: LogFiles, task: str) -> Recorded:
     """
     try:
         columns = None if files.map is None else column_map.load(files.map)
+        for file in files.readers:
+            load_readers(file)
         return transitions.read(files.paths, task, files.model, columns)
     except InputError as error:
         raise ValueError(f"--target-log: {error}") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +19,13 @@ OTHER_FORMATS = (".mat", ".pkl", ".pickle", ".npy", ".tsv", ".parquet")
 
 @dataclass(frozen=True)
 class Format:
-    """A way to write logs: what files end in, how a folder is known, and what reads either."""
+    """A way to write logs: what files end in, how a folder is known, and what reads either. own: by a user's file."""
 
     name: str
     endings: tuple[str, ...]
     is_folder: Callable[[Path], bool]
     read: Callable[[Path], list[Log]]
+    own: bool = False
 
 
 FORMATS = (
@@ -31,17 +33,28 @@ FORMATS = (
     Format("HDF5", (".h5", ".hdf5"), lambda p: hdf5.main_file(p).is_file(), hdf5.read),
     Format("ROS bag", (".bag", ".db3", ".mcap"), rosbag.is_bag, rosbag.read),
 )
-ENDINGS = tuple(e for f in FORMATS for e in f.endings)
+OWN: list[Format] = []
+"""Those that a user's file has added (`own_readers`)."""
+
+
+def formats() -> tuple[Format, ...]:
+    """All that are read beside `ARRAYS`."""
+    return (*OWN, *FORMATS)
+
+
+def endings() -> tuple[str, ...]:
+    """Endings of their files."""
+    return tuple(e for f in formats() for e in f.endings)
 
 
 def format_of(path: Path) -> Format | None:
     """The format of a file or a folder that is one log; None for .npz, .csv and what is not read."""
     if path.is_dir():
         try:
-            return next((f for f in FORMATS if f.is_folder(path)), None)
+            return next((f for f in formats() if f.is_folder(path)), None)
         except PermissionError:
             return None
-    return next((f for f in FORMATS if path.suffix.lower() in f.endings), None)
+    return next((f for f in formats() if path.suffix.lower() in f.endings), None)
 
 
 def read_logs(path: Path) -> list[Log]:
@@ -52,7 +65,7 @@ def read_logs(path: Path) -> list[Log]:
     """
     found = format_of(path)
     if found is None:
-        raise InputError(f"{path.name} is in no format that is read (.npz, .csv, {', '.join(ENDINGS)}).")
+        raise InputError(f"{path.name} is in no format that is read (.npz, .csv, {', '.join(endings())}).")
     try:
         return found.read(path)
     except InputError:
@@ -61,6 +74,12 @@ def read_logs(path: Path) -> list[Log]:
         raise InputError(f"cannot read {path.name}: {error.strerror}.") from None
     except Exception as error:  # each of the packages has exceptions of its own for damaged bytes
         what = " ".join(str(error).split())[:150]
+        if found.own:
+            line = traceback.extract_tb(error.__traceback__)[-1]
+            raise InputError(
+                f"cannot read {path.name}: the reader '{found.name}' failed with {type(error).__name__} in line "
+                f"{line.lineno} of {Path(line.filename).name}: {what}."
+            ) from None
         raise InputError(
             f"cannot read {path.name} as {found.name}: it is damaged or cut off ({type(error).__name__}"
             f"{': ' + what if what else ''})."
@@ -77,8 +96,8 @@ def find_files(paths: Iterable[str | Path]) -> list[Path]:
         if entry.is_dir():
             files += _inside(entry)
         elif entry.is_file():
-            if entry.suffix.lower() not in (*ARRAYS, *ENDINGS):
-                raise InputError(f"{entry.name} is neither .npz nor .csv nor {', '.join(ENDINGS)}.")
+            if entry.suffix.lower() not in (*ARRAYS, *endings()):
+                raise InputError(f"{entry.name} is neither .npz nor .csv nor {', '.join(endings())}.")
             files.append(entry)
         else:
             raise InputError(f"the recording {entry} does not exist.")
@@ -100,12 +119,12 @@ def _inside(folder: Path) -> list[Path]:
         other = ", ".join(other_logs(folder))
         raise InputError(
             f"the folder {folder} holds no .npz or .csv file"
-            + (f" (but {other})." if other else f", and no {', '.join(ENDINGS)} or LeRobot folder either.")
+            + (f" (but {other})." if other else f", and no {', '.join(endings())} or LeRobot folder either.")
         )
     return logs
 
 
 def other_logs(folder: Path) -> list[str]:
     """Names of what looks like recordings in a folder, and is not read beside its .npz and .csv files."""
-    others = (*ENDINGS, *OTHER_FORMATS)
+    others = (*endings(), *OTHER_FORMATS)
     return sorted(p.name for p in folder.iterdir() if p.suffix.lower() in others and p.is_file())
