@@ -4,24 +4,17 @@ The file has a reset, an observation, a reward and a termination for the robot's
 change, and a target with heavier parts to try methods on.
 """
 
-import os
-import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import mujoco
-import numpy as np
 import tyro
 
 import envs
-from experiments.task_template import Robot, text_of
 from mpge_jax import files
-from mpge_jax.diagnosis.machine.model import actuators_of_joint, is_joint_transmission, load_spec, names_of
-
-SECONDS = 0.02
-"""Of one step of the policy, or a physics step where that is longer."""
+from mpge_jax.task_files.robot import Robot, name_of, robot_of
+from mpge_jax.task_files.template import text_of
 
 
 @dataclass(frozen=True)
@@ -33,93 +26,9 @@ class Args:
     name: Annotated[str | None, tyro.conf.arg(help="of the task (default: from the model's file)")] = None
 
 
-def robot_of(path: Path, out: Path, name: str | None = None) -> Robot:
-    """What a task file says of a model.
-
-    Raises:
-      ValueError: the model cannot be read, or has no actuator that a policy could use.
-    """
-    m = load_spec(path).compile()
-    if not m.nu:
-        raise ValueError(
-            f"{path} has no actuators, so there is nothing for a policy to do; add an <actuator>"
-        )
-    data = mujoco.MjData(m)
-    key = next((k for k in range(m.nkey) if m.key(k).name == "home"), 0 if m.nkey else None)
-    if key is not None:
-        mujoco.mj_resetDataKeyframe(m, data, key)
-    mujoco.mj_forward(m, data)
-    base = _base(m)
-    added = {}
-    for a in range(m.nu):
-        low, high = m.actuator_ctrlrange[a] if m.actuator_ctrllimited[a] else (r := _range(m, a))
-        if not m.actuator_ctrllimited[a]:
-            added[a] = r
-        if not low < high or high <= 0:
-            raise ValueError(
-                f"{path}: actuator {names_of(m).actuators[a]} has the ctrlrange {low:g} {high:g}; policies act within "
-                "plus and minus its upper end, which must be above 0"
-            )
-    scalar = np.isin(m.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
-    joints = [
-        int(m.jnt_qposadr[j]) for j in np.flatnonzero(scalar) if int(m.jnt_qposadr[j]) not in base.values()
-    ]
-    body = int(m.jnt_bodyid[0]) if base else 0
-    return Robot(
-        name=name or _name(path.stem),
-        file=out.name,
-        model=os.path.relpath(path.resolve(), out.resolve().parent),
-        timestep=float(m.opt.timestep),
-        frame_skip=max(1, round(SECONDS / m.opt.timestep)),
-        start=tuple(float(f"{x:.6g}") for x in data.qpos),
-        pose="the model's reference" if key is None else f"keyframe {m.key(key).name or key}",
-        base=base,
-        height=float(data.xpos[body][2]),
-        joints=tuple(joints),
-        nv=m.nv,
-        ranges=tuple((i, float(lo), float(hi)) for i, (lo, hi) in added.items()),
-        mass=float(m.body_mass.sum()),
-        hidden=bool(m.na),
-    )
-
-
-def _name(stem: str) -> str:
-    words = re.findall(r"[A-Za-z0-9]+", stem) or ["Robot"]
-    name = "".join(word[0].upper() + word[1:] for word in words)
-    name = name if name[0].isalpha() else f"Robot{name}"
+def _free(name: str) -> str:
+    """A name that no environment has."""
     return f"My{name}" if {name, f"{name}Target"} & set(envs.names()) else name
-
-
-def _base(m: mujoco.MjModel) -> dict[str, int]:
-    """Columns of qpos that place a moving base: of a free joint `x`, `y`, `z`, `quat`; of a planar one `x`, `z`,
-    `pitch`; none where the base is fixed, or the model's first body moves otherwise."""
-    if not m.njnt or m.body_parentid[m.jnt_bodyid[0]] != 0:
-        return {}
-    q = int(m.jnt_qposadr[0])
-    if m.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
-        return {"x": q, "y": q + 1, "z": q + 2, "quat": q + 3}
-    found: dict[str, int] = {}
-    for j in np.flatnonzero(m.jnt_bodyid == m.jnt_bodyid[0]):
-        axis, slide = int(np.abs(m.jnt_axis[j]).argmax()), m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
-        name = {(True, 0): "x", (True, 2): "z", (False, 1): "pitch"}.get((bool(slide), axis))
-        if name is not None and not actuators_of_joint(m, int(j)):
-            found[name] = int(m.jnt_qposadr[j])
-    return found if set(found) == {"x", "z", "pitch"} else {}
-
-
-def _range(m: mujoco.MjModel, a: int) -> tuple[float, float]:
-    """A control range for an actuator that has none: its joint's range for a servo, its force's limits for a motor."""
-    gain = abs(float(m.actuator_gainprm[a, 0])) or 1.0
-    joint = int(m.actuator_trnid[a, 0]) if is_joint_transmission(m, a) else None
-    if m.actuator_biasprm[a, 1] != 0:
-        if joint is not None and m.jnt_limited[joint]:
-            low, high = m.jnt_range[joint]
-            return float(low), float(high)
-        return -1.0, 1.0
-    if m.actuator_forcelimited[a]:
-        low, high = m.actuator_forcerange[a] / gain
-        return float(low), float(high)
-    return -1.0, 1.0
 
 
 def write(args: Args) -> tuple[Path, Robot]:
@@ -133,7 +42,7 @@ def write(args: Args) -> tuple[Path, Robot]:
         raise ValueError(f"--out {out} must end in .py")
     if out.exists():
         raise ValueError(f"{out} exists already; remove it or give another --out")
-    robot = robot_of(args.model, out, args.name)
+    robot = robot_of(args.model, out, args.name or _free(name_of(args.model.stem)))
     files.write_text(out, text_of(robot))
     envs.make(f"{out}:{robot.name}", "c")
     return out, robot

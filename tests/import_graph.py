@@ -21,7 +21,7 @@ ROOMS = (
     f"{D}.dataset",
     f"{D}.evidence", f"{D}.selection", f"{D}.measurement", f"{D}.drives", f"{D}.force_balance",
     f"{D}.residual", f"{D}.verdict",
-    f"{D}.corrected", f"{D}.report", f"{D}.inspection", f"{D}.diagnosis", f"{D}.pipeline", D,
+    "mpge_jax.task_files", f"{D}.corrected", f"{D}.report", f"{D}.inspection", f"{D}.diagnosis", f"{D}.pipeline", D,
     "mpge_jax.recorded", "mpge_jax",
     f"{B}.vocabulary", f"{B}.robots", f"{B}.truth", f"{B}.visibility", f"{B}.draws", f"{B}.case", f"{B}.build",
     f"{B}.run", f"{B}.scoring", B,

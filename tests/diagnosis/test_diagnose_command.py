@@ -5,20 +5,25 @@ from __future__ import annotations
 import base64
 import contextlib
 import html
+import importlib.util
 import io
 import json
 import re
 import shutil
 import subprocess
 from html.parser import HTMLParser
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
+import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
 import yaml
 
+import envs
 from experiments.diagnose import main
 from mpge_jax import files
 from mpge_jax.diagnosis import VOCABULARY, Config, InputError, Recording, diagnose
@@ -110,6 +115,31 @@ def test_the_users_own_file_is_patched(result):
     assert joint["frictionloss"] == {"given": 0.0, "corrected": pytest.approx(value, rel=1e-4), "unit": "N m"}
     added = [line for line in (out / "corrected.patch").read_text().splitlines() if line.startswith("+<")]
     assert added and all("frictionloss=" in line for line in added)
+
+
+def test_the_environment_file_runs_as_the_corrected_machine(result):
+    out, table = result
+    name = f"corrected_env_{out.name}"
+    module = importlib.util.module_from_spec(
+        importlib.util.spec_from_file_location(name, out / "corrected_env.py")
+    )
+    module.__loader__.exec_module(module)
+    env = module.env("c")
+    friction = env.model.dof_frictionloss[0]
+    assert friction == pytest.approx(table["effects"][0]["parameters"]["torque"]["value"], rel=1e-4)
+    # Held by friction, which the machine as it was given does not have.
+    start = np.array([0.9 * friction], np.float32)
+    assert env.action_low[0] < start[0] < env.action_high[0]
+    state = env.state_from_obs(jnp.array([0.0, 0.0]))
+    moved = float(jax.jit(env.step)(state, jnp.asarray(start)).obs[0])
+    given = envs.Env(module.TASK, plain := envs.build_model(module.TASK), envs.engine_of(plain, "c"))
+    freely = float(
+        jax.jit(given.step)(given.state_from_obs(jnp.array([0.0, 0.0])), jnp.asarray(start)).obs[0]
+    )
+    assert freely > 1e-4 and abs(moved) < 0.2 * freely
+    for bridged in (module.brax("c"), *([module.playground("c")] if find_spec("mujoco_playground") else [])):
+        first = bridged.reset(jax.random.key(0))
+        assert bridged.step(first, jnp.asarray(start)).obs.shape == (2,)
 
 
 def test_effects_file_names_the_model_to_which_its_effects_are_to_be_added(result, folder):

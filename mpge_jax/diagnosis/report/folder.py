@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from mpge_jax import files
+from mpge_jax.diagnosis.corrected.env_file import write_env
 from mpge_jax.diagnosis.corrected.mjcf import write_models
 from mpge_jax.diagnosis.corrected.patch import write_patch
 from mpge_jax.diagnosis.report.figures.every_figure import draw
@@ -23,6 +24,7 @@ def write(d: Result, folder: Path) -> None:
     files.write_text(folder / "effects.json", json.dumps(effects, indent=1, allow_nan=False))
     models = write_models(d, folder)
     write_patch(d, folder)
+    write_env(d, folder)
     figures = draw(d, folder / "figures")
     files.write_text(folder / "report.html", page(d, table, effects, figures, experiment, models))
     files.write_text(folder / "diagnosis.json", json.dumps(table, indent=1, allow_nan=False))

@@ -1,52 +1,35 @@
-"""The text of a task file for a robot: what `python -m experiments.new` writes."""
+"""The text of a task file for a machine: what `python -m experiments.new` and a diagnosis write."""
 
-from dataclasses import dataclass
+import json
 
-
-@dataclass(frozen=True)
-class Robot:
-    """What is known of a model.
-
-    Attributes:
-      name: of the task. file: the task file's name. model: the model's path from there.
-      timestep: s. frame_skip: physics steps in one step.
-      start: qpos in which episodes start. pose: where that is from.
-      base: columns of qpos that place a moving base, by name; empty for a fixed one.
-      height: of the base above the ground at the start, m.
-      joints: columns of qpos of hinges and slides that do not place the base.
-      nv: size of qvel. ranges: (actuator, low, high) where the model has no control range.
-      mass: kg. hidden: whether actuators have states of their own, which no observation tells.
-    """
-
-    name: str
-    file: str
-    model: str
-    timestep: float
-    frame_skip: int
-    start: tuple[float, ...]
-    pose: str
-    base: dict[str, int]
-    height: float
-    joints: tuple[int, ...]
-    nv: int
-    ranges: tuple[tuple[int, float, float], ...]
-    mass: float
-    hidden: bool
+from mpge_jax.task_files.robot import Robot
 
 
 def text_of(r: Robot) -> str:
-    """The whole file."""
+    """The whole file: a task, and a target to try methods on."""
+    return _filled(r, _ABOUT, _MODEL, _TARGET)
+
+
+def corrected_text_of(r: Robot) -> str:
+    """The same task in the machine as a diagnosis corrected it, from the files beside it."""
+    return _filled(r, _ABOUT_CORRECTED, _MODEL_CORRECTED, _CORRECTED)
+
+
+def _filled(r: Robot, about: str, model: str, last: str) -> str:
     unseen = [r.base[c] for c in ("x", "y") if c in r.base]
     seen = [i for i in range(len(r.start)) if i not in unseen]
-    parts = [_HEAD, _moving(r) if r.base else _FIXED, _TASK]
+    head = about.strip("\n") + "\n\n" + model.strip("\n") + "\n" + _HEAD
+    parts = [head, _moving(r) if r.base else _FIXED, _TASK + last]
     values = {
         "name": r.name,
-        "file": r.file,
-        "model": r.model,
+        "file": _said(r.file),
+        "module": _said(r.file).removesuffix(".py"),
+        "model": json.dumps(r.model),
+        "model_said": _said(r.model),
         "frame_skip": r.frame_skip,
         "physics": f"{r.timestep:g}",
         "dt": f"{r.timestep * r.frame_skip:g}",
-        "pose": r.pose,
+        "pose": _said(r.pose),
         "start": _listed(r.start),
         "seen": _listed(seen),
         "but": " but the base's place on the ground" if unseen else "",
@@ -57,6 +40,11 @@ def text_of(r: Robot) -> str:
         "to_state": "None,  # actuators have states that no observation tells" if r.hidden else "to_state,",
     }
     return "\n\n\n".join(part.strip("\n") for part in parts).format(**values) + "\n"
+
+
+def _said(name: str) -> str:
+    """A name from a model or a file, for remarks in a program: nothing in it ends the remark."""
+    return "".join(c if c.isprintable() and c not in "\"'\\" else "_" for c in name)
 
 
 def _listed(values: tuple[float, ...] | list[int] | tuple[int, ...]) -> str:
@@ -118,8 +106,8 @@ def terminated(data):
 """
 
 
-_HEAD = '''
-"""{name}: a task for {model}, to be changed as you like.
+_ABOUT = '''
+"""{name}: a task for {model_said}, to be changed as you like.
 
 python -m experiments.pretrain --task {file}:{name} --kind MS
 python -m experiments.sweep --task {file}:{name}Target --method direct MPGE-MS target
@@ -135,8 +123,50 @@ import mujoco
 import numpy as np
 
 import envs
+'''
 
-MODEL = Path(__file__).resolve().parent / "{model}"
+_MODEL = """
+MODEL = Path(__file__).resolve().parent / {model}
+"""
+
+_ABOUT_CORRECTED = '''
+"""{name}: the machine as a diagnosis corrected it, as an environment for policies; change reward and reset as you like.
+
+python {file}    # one step, to see that it runs
+
+    import {module}
+    {module}.env()           # pure reset(key) and step(state, action), for jit and vmap
+    {module}.playground()    # MuJoCo Playground's MjxEnv (pip install playground)
+    {module}.brax()          # a brax.envs.Env
+
+`{model_said}` is the machine as it was given, `effects.json` what is added to it: elements of MuJoCo where it has them
+(those are in `corrected.xml` too), equations around its steps where it has none. All functions are pure and for one
+simulation: `data` has qpos [nq] and qvel [nv], as MuJoCo's.
+"""
+
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+import envs
+from mpge_jax.diagnosis import load_effects
+from mpge_jax.diagnosis.corrected.tasks import corrected_env
+'''
+
+_MODEL_CORRECTED = """
+FOLDER = Path(__file__).resolve().parent
+MODEL = FOLDER / {model}
+EFFECTS = json.loads((FOLDER / "effects.json").read_text(encoding="utf-8"))["effects"]
+for effect in EFFECTS:
+    if "file" in effect:  # of your own
+        load_effects(effect["file"])
+"""
+
+_HEAD = '''
 # Physics steps of {physics} s in one step of the policy, which so lasts {dt} s.
 FRAME_SKIP = {frame_skip}
 # Where episodes start: {pose}.
@@ -201,8 +231,34 @@ TASK = envs.Task(
     to_state={to_state}
     max_steps=1000,
 )
+"""
 
+_TARGET = """
 # A target to try methods on: all parts heavier by a third. What your real robot has otherwise goes here: `spec` changes
 # the model, `action` what becomes of a command.
 TARGET = envs.Variant("{name}Target", "{name}", "all parts heavier by a third", total_mass=4 / 3 * {mass})
 """
+
+_CORRECTED = '''
+
+def env(backend="auto"):
+    """The task in the corrected machine. backend: `c`, `mjx`, or `auto` (`c` on a CPU, else `mjx`)."""
+    return corrected_env(spec(), EFFECTS, TASK, backend)
+
+
+def playground(backend="auto"):
+    """The same for MuJoCo Playground, whose wrapper for training takes `episode_length=TASK.max_steps`."""
+    return envs.as_playground(env(backend))
+
+
+def brax(backend="auto"):
+    """The same for brax, whose `EpisodeWrapper` takes the time limit, `TASK.max_steps`."""
+    return envs.as_brax(env(backend))
+
+
+if __name__ == "__main__":
+    machine = env()
+    state = jax.jit(machine.reset)(jax.random.key(0))
+    state = jax.jit(machine.step)(state, jnp.zeros(machine.action_size))
+    print(f"{{machine.name}}: {{len(EFFECTS)}} effects, a step of {{machine.dt:g}} s, reward {{state.reward:.4g}}")
+'''
