@@ -25,6 +25,8 @@ import tyro
 from rich.console import Console
 from rich.markdown import Markdown
 
+from mpge_jax import own_envs as own_envs  # isort: split
+
 import envs
 from envs.tasks import gymnasium_spec
 from experiments.storage import versions

@@ -11,6 +11,8 @@ from typing import Annotated
 
 import tyro
 
+from mpge_jax import own_envs as own_envs  # isort: split
+
 import envs
 from mpge_jax import files
 from mpge_jax.task_files.robot import Robot, name_of, robot_of

@@ -22,9 +22,11 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 
+from mpge_jax import own_envs as own_envs  # isort: split
+
 import envs
 from envs import select
-from mpge_jax import loop
+from mpge_jax import files, loop
 from mpge_jax.learning import agent
 from mpge_jax.learning.agent import AgentConfig, AgentState
 from mpge_jax.learning.sac import SACConfig, SACState
@@ -235,8 +237,9 @@ def main(args: Args) -> None:
     if name in envs.names() and envs.source_of(name) != name:
         raise ValueError(f"{name} is a target; policies are trained in its source, {envs.source_of(name)}")
     print(CONFIGS.get(name, OTHER))
-    result, about = train(args, (Path("runs") if args.out is None else args.out) / "pretrain")
-    path = _set_path(args, args.kind)
+    folder, path = (Path("runs") if args.out is None else args.out) / "pretrain", _set_path(args, args.kind)
+    with files.held(folder):
+        result, about = train(args, folder)
     policies.save(path, result, about)
     stored, _ = policies.load(path)
     about["returns"] = returns_of(stored, envs.make(name), CONFIGS.get(name, OTHER).sac, args.seed + 1)
@@ -244,9 +247,18 @@ def main(args: Args) -> None:
     print(f"{path}\n{about}")
 
 
-if __name__ == "__main__":
+def command() -> int:
+    """The command; returns its exit status."""
     try:
-        main(tyro.cli(Args))
+        main(tyro.cli(Args, prog="python -m experiments.pretrain"))
     except (ValueError, FileNotFoundError) as error:
         print(f"pretrain: {error}", file=sys.stderr)
-        sys.exit(2)
+        return 2
+    except KeyboardInterrupt:
+        print("pretrain: interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(command())

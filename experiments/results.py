@@ -18,6 +18,8 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
+from mpge_jax import own_envs as own_envs  # isort: split
+
 import envs
 from experiments import benchmark, report
 from experiments.methods import METHODS

@@ -19,6 +19,8 @@ import tyro
 from rich.console import Console
 from rich.markdown import Markdown
 
+from mpge_jax import own_envs as own_envs  # isort: split
+
 import envs
 from envs import own_tasks
 from envs.variants import HIDDEN, PAPER

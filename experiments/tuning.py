@@ -20,6 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 
+from mpge_jax import own_envs as own_envs  # isort: split
+
 import envs
 from experiments.presets import STANDARD, VineSettings
 from experiments.storage import plain, versions

@@ -13,7 +13,7 @@ BEGIN, END = "<!-- drawn by python -m tests.import_graph -->", "<!-- end of what
 
 D, B = "mpge_jax.diagnosis", "experiments.blind"
 ROOMS = (
-    "mpge_jax.own_code", "envs", "mpge_jax.own_envs",
+    "mpge_jax.commands", "mpge_jax.own_code", "envs", "mpge_jax.own_envs",
     "mpge_jax.files", "mpge_jax.progress", "mpge_jax.sharding", "mpge_jax.loop",
     "mpge_jax.learning", "mpge_jax.rollouts", "mpge_jax.grounding",
     f"{D}.errors", f"{D}.config",

@@ -3,9 +3,12 @@
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+
+from mpge_jax import commands
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -22,6 +25,11 @@ def beside(tmp_path):
 def _run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def _script(command: str) -> str:
+    """What the installation puts beside Python."""
+    return str(Path(sys.executable).with_name(f"mpge-{command}"))
 
 
 def test_the_diagnosis_works_beside_them_and_needs_no_jax(beside):
@@ -41,8 +49,40 @@ def test_what_needs_the_environments_says_whose_stand_in_their_place(beside, wan
 
 
 def test_commands_work_beside_them(beside):
-    done = _run(beside, str(Path(sys.executable).with_name("mpge-diagnose")), "--list-effects")
+    done = _run(beside, _script("diagnose"), "--list-effects")
     assert done.returncode == 0 and "coulomb_friction" in done.stdout, done.stderr
+
+
+def test_they_run_from_any_folder(tmp_path):
+    """Nothing of the folder is needed, and nothing is left in it."""
+    (tmp_path / "m.xml").write_text("<mujoco/>")
+    done = _run(tmp_path, _script("new"), "m.xml")
+    assert done.returncode == 2 and done.stderr.startswith("new: m.xml has no actuators"), done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["m.xml"]
+
+
+@pytest.mark.parametrize(("command", "package"), [("inspect", "experiments"), ("sweep", "envs")])
+def test_a_clash_is_one_sentence(beside, command, package):
+    """Where the path leads to one's own folders first, as it does by PYTHONPATH."""
+    other = "envs" if package == "experiments" else "experiments"
+    (beside / other / "__init__.py").unlink()
+    (beside / other).rmdir()
+    code = (
+        f"import sys; sys.path.insert(0, '.'); from mpge_jax import commands; sys.exit(commands.{command}())"
+    )
+    done = _run(beside, sys.executable, "-c", code, "x")
+    said = done.stderr.strip()
+    assert done.returncode == 2 and "\n" not in said
+    assert said.startswith(
+        f"mpge-{command}: {beside / package} stands before this library's own package '{package}'"
+    )
+
+
+def test_every_command_has_a_script():
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
+    for name, target in scripts.items():
+        assert target == f"mpge_jax.commands:{name.removeprefix('mpge-')}"
+        assert callable(getattr(commands, name.removeprefix("mpge-")))
 
 
 def test_names_of_the_package_are_those_it_lists():

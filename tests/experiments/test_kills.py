@@ -1,4 +1,4 @@
-"""Diagnoses and sweeps killed at random moments end with the results of those that were not."""
+"""Diagnoses, sweeps and trainings killed at random moments end with the results of those that were not."""
 
 import json
 import os
@@ -7,8 +7,10 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,42 +18,93 @@ import pytest
 from tests.diagnosis.machines import PENDULUM, record
 
 ROOT = Path(__file__).resolve().parents[2]
-Start = Callable[[Path], subprocess.Popen[bytes]]
-
-
-def start(*command: str) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, *command],
-        cwd=ROOT,
-        env={**os.environ, "JAX_PLATFORMS": "cpu"},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-
-
-def kill_often(begin: Start, folder: Path, kills: int, same: Callable[[Path, Path], None]) -> None:
-    """Kills runs into one folder at random moments of what a whole run takes, and has them go on."""
-    started = time.monotonic()
-    assert begin(folder / "whole").wait() == 0
-    duration = time.monotonic() - started
-    out, rng = folder / "killed", random.Random()
-    for kill in range(kills):
-        process, delay = begin(out), rng.uniform(0.05, 1.0) * duration
-        print(f"kill {kill} after {delay:.2f} of {duration:.2f} s")
+OFTEN = 50
+"""Kills in the long tests; in the short ones there are `SELDOM`."""
+SELDOM = 3
+START = """
+import json, os, signal, sys, time
+{imports}
+sys.argv = ["command", *{options!r}]
+for line in sys.stdin:
+    out, delay = json.loads(line)
+    begun, child = time.monotonic(), os.fork()
+    if child == 0:
+        status = 1
         try:
-            assert process.wait(delay) == 0
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, 1), os.dup2(null, 2)
+            status = {run}
+        finally:
+            os._exit(status or 0)
+    status = None
+    while status is None:
+        done, code = os.waitpid(child, os.WNOHANG)
+        if done:
+            status = os.waitstatus_to_exitcode(code)
+        elif delay is not None and time.monotonic() - begun > delay:
+            os.kill(child, signal.SIGKILL)
+            delay = None
+        else:
+            time.sleep(0.002)
+    print(json.dumps([status, time.monotonic() - begun]), flush=True)
+"""
+"""A process that has imported a command and runs it in copies of itself, which it kills after `delay` s."""
+
+
+@contextmanager
+def command(imports: str, options: list[str], run: str, programs: Path) -> Iterator[Callable[..., Any]]:
+    """Runs a command whose output folder is `out`: `(folder, delay) -> (exit status, seconds)`."""
+    code = START.format(imports=imports, options=options, run=run)
+    flags = {"XLA_FLAGS": os.environ.get("XLA_FLAGS", ""), "JAX_PLATFORMS": "cpu"}
+    flags |= {
+        "JAX_COMPILATION_CACHE_DIR": str(programs),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.03",
+    }
+    with subprocess.Popen(
+        [sys.executable, "-c", code], cwd=ROOT, env={**os.environ, **flags}, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    ) as server:  # fmt: skip
+
+        def once(out: Path, delay: float | None = None) -> tuple[int, float]:
+            assert server.stdin is not None and server.stdout is not None
+            print(json.dumps([str(out), delay]), file=server.stdin, flush=True)
+            return tuple(json.loads(server.stdout.readline()))
+
+        try:
+            yield once
+        finally:
+            server.kill()
+
+
+def kill_often(
+    once: Callable[..., Any], folder: Path, kills: int, same: Callable[[Path, Path], None]
+) -> None:
+    """Kills runs into one folder at random moments of what a whole run takes, and has them go on."""
+    assert once(folder / "whole")[0] == 0
+    # Programs are compiled now: this is how long it takes.
+    status, duration = once(folder / "again")
+    assert status == 0
+    same(folder / "whole", folder / "again")
+    out, rng, killed = folder / "killed", random.Random(), 0
+    deadline = time.monotonic() + 60.0 * kills
+    while killed < kills:
+        assert time.monotonic() < deadline
+        delay = rng.uniform(0.02, 1.0) * duration
+        status, taken = once(out, delay)
+        print(f"kill {killed} after {delay:.2f} of {duration:.2f} s: status {status}, {taken:.2f} s")
+        if status == -9:
+            killed += 1
             continue
         # It was done before: its results count, and the next ones start anew.
+        assert status == 0
         same(folder / "whole", out)
         shutil.rmtree(out)
-    assert begin(out).wait() == 0
+    assert once(out)[0] == 0
     same(folder / "whole", out)
 
 
-def diagnoses(folder: Path) -> Start:
+@contextmanager
+def diagnoses(folder: Path) -> Iterator[Callable[..., Any]]:
     def friction(_model, data):
         data.qfrc_applied[0] -= 0.1 * np.tanh(data.qvel[0] / 0.03)
 
@@ -59,21 +112,33 @@ def diagnoses(folder: Path) -> Start:
     for r in record(PENDULUM, 1.2, force=friction):
         np.savez(folder / f"{r.name}.npz", time=r.time, qpos=r.qpos, ctrl=r.ctrl)
     options = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--jobs", "1"]
-    options += ["--effects", "coulomb_friction", "viscous_damping", "armature", "--out"]
-    return lambda out: start("-m", "experiments.diagnose", *options, str(out))
+    options += ["--effects", "coulomb_friction", "armature", "--quiet"]
+    run = "diagnose.main([*sys.argv[1:], '--out', out])"
+    with command("from experiments import diagnose", options, run, folder / "programs") as once:
+        yield once
 
 
 def same_diagnosis(a: Path, b: Path) -> None:
-    for name in ("diagnosis.json", "effects.json", "corrected.xml", "corrected.yaml", "corrected.patch"):
+    names = (
+        "diagnosis.json",
+        "effects.json",
+        "corrected.xml",
+        "corrected.yaml",
+        "corrected.patch",
+        "corrected_env.py",
+    )
+    for name in names:
         assert (a / name).read_bytes() == (b / name).read_bytes(), name
     # Nothing of a search is left over, nor of a file half written.
     assert sorted(p.name for p in a.rglob("*")) == sorted(p.name for p in b.rglob("*"))
 
 
-def sweeps() -> Start:
-    code = "from tests.experiments import test_sweep; test_sweep.tiny_main()"
-    options = ["--preset", "tiny", "--method", "MPGE+", "--samples", "11", "--quiet", "--out"]
-    return lambda out: start("-c", code, *options, str(out))
+@contextmanager
+def sweeps(folder: Path, method: str) -> Iterator[Callable[..., Any]]:
+    options = ["--preset", "tiny", "--method", method, "--samples", "11", "--quiet", "--backend", "c"]
+    imports = "from tests.experiments import test_sweep"
+    with command(imports, options, "test_sweep.tiny_main(out)", folder / "programs") as once:
+        yield once
 
 
 def same_sweep(a: Path, b: Path) -> None:
@@ -82,18 +147,58 @@ def same_sweep(a: Path, b: Path) -> None:
         for row in found:
             del row["seconds"], row["grounding_seconds"]
     assert rows[0] == rows[1] and len(rows[0]) == 2
-    for name in ("transformers.npz", "curve.npz"):
-        with np.load(a / "cells/MPGE+-11" / name) as x, np.load(b / "cells/MPGE+-11" / name) as y:
-            assert x.files == y.files
-            for key in x.files:
-                np.testing.assert_array_equal(x[key], y[key])
+    for file in a.glob("cells/*/*.npz"):
+        same_arrays(file, b / file.relative_to(a))
+
+
+def same_arrays(a: Path, b: Path) -> None:
+    with np.load(a) as x, np.load(b) as y:
+        assert x.files == y.files
+        for key in x.files:
+            # What is told beside the numbers has the time that a run took.
+            if x[key].dtype.kind != "U":
+                np.testing.assert_array_equal(x[key], y[key], err_msg=f"{a.name}: {key}")
+
+
+@contextmanager
+def trainings(folder: Path) -> Iterator[Callable[..., Any]]:
+    imports = "from tests.experiments import test_pretrain"
+    with command(imports, [], "test_pretrain.tiny_main(out)", folder / "programs") as once:
+        yield once
+
+
+def same_training(a: Path, b: Path) -> None:
+    same_arrays(a / "InvertedPendulum-MS.npz", b / "InvertedPendulum-MS.npz")
+
+
+def test_a_diagnosis_that_is_killed_goes_on(tmp_path):
+    with diagnoses(tmp_path) as once:
+        kill_often(once, tmp_path, SELDOM, same_diagnosis)
+
+
+def test_a_sweep_that_is_killed_goes_on(tmp_path):
+    with sweeps(tmp_path, "GAT") as once:
+        kill_often(once, tmp_path, SELDOM, same_sweep)
+
+
+def test_a_training_that_is_killed_goes_on(tmp_path):
+    with trainings(tmp_path) as once:
+        kill_often(once, tmp_path, SELDOM, same_training)
 
 
 @pytest.mark.slow
 def test_diagnoses_killed_often(tmp_path):
-    kill_often(diagnoses(tmp_path), tmp_path, 25, same_diagnosis)
+    with diagnoses(tmp_path) as once:
+        kill_often(once, tmp_path, OFTEN, same_diagnosis)
 
 
 @pytest.mark.slow
 def test_sweeps_killed_often(tmp_path):
-    kill_often(sweeps(), tmp_path, 25, same_sweep)
+    with sweeps(tmp_path, "MPGE+") as once:
+        kill_often(once, tmp_path, OFTEN, same_sweep)
+
+
+@pytest.mark.slow
+def test_trainings_killed_often(tmp_path):
+    with trainings(tmp_path) as once:
+        kill_often(once, tmp_path, OFTEN, same_training)

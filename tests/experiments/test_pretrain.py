@@ -1,6 +1,7 @@
 """Source policies: of each training the best moment is kept."""
 
 import dataclasses
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +20,17 @@ CONFIG = AgentConfig(
     sac=SACConfig(hidden=(8,), batch_size=8), num_envs=2, steps_per_iteration=4, updates_per_iteration=1,
     buffer_capacity=64, random_steps=8,
 )  # fmt: skip
+
+
+def tiny_main(out: str) -> int:
+    """What processes that are killed run: a few steps of two policies, with a checkpoint after every iteration."""
+    original = pretrain.loop.run
+    often = {"seconds_between_checkpoints": 0.0}
+    pretrain.loop.run = lambda *args, **options: original(*args, **{**options, **often})
+    pretrain.CONFIGS["InvertedPendulum"] = CONFIG
+    pretrain.EPISODES = pretrain.TRIAL_EPISODES = 2
+    pretrain.main(pretrain.Args(count=2, updates=16, out=Path(out), quiet=True))
+    return 0
 
 
 @pytest.fixture(scope="module")

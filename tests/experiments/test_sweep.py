@@ -329,13 +329,16 @@ def test_a_resumed_cell_takes_no_further_target_steps(monkeypatch, tmp_path, tin
     jax.tree.map(np.testing.assert_array_equal, again, logs)
 
 
-def tiny_main():
-    """What the process of the test below runs: checkpoints after every iteration."""
+def tiny_main(out: str | None = None):
+    """What processes that are killed run: checkpoints after every iteration."""
+    sys.argv += [] if out is None else ["--out", out]
     PRESETS["tiny"] = TINY
     policies.shipped = shipped
     original = training.loop.run
     often = {"seconds_between_checkpoints": 0.0}
     training.loop.run = lambda *args, **options: original(*args, **{**options, **often})
+    if out is not None:
+        return sweep.main()
     sys.exit(sweep.main())
 
 
