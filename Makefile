@@ -25,7 +25,7 @@ SUPPORTED := import ensurepip, sys, venv; \
 CANDIDATES := $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python)
 
 .DEFAULT_GOAL := help
-.PHONY: help install cuda sweep inspect diagnose pretrain benchmark test test-slow check format lock clean FORCE
+.PHONY: help install cuda sweep inspect diagnose pretrain benchmark test test-slow matrix installed check format lock clean FORCE
 
 help: ## list the targets
 	@echo "mpge-jax. The first target that needs it installs everything into $(VENV) (Python 3.11 to 3.13)."
@@ -59,6 +59,13 @@ test: $(STAMP) ## run the tests
 
 test-slow: $(CLIENTS) ## run the long tests too, other people's trainers among them
 	$(PY) -m pytest -n $(WORKERS) $(DIST) -m 'slow or not slow' $(ARGS)
+
+matrix: $(STAMP) ## the tests with Python 3.11 to 3.13, each with the oldest and the newest JAX (hours; ARGS='-k ...')
+	$(PY) -m pip install --disable-pip-version-check --quiet uv
+	$(PY) -m tests.supported.matrix $(ARGS)
+
+installed: $(STAMP) ## build the wheel, install it elsewhere, and run the README's library examples with it
+	$(PY) -m tests.supported.installed build/installed
 
 check: $(STAMP) ## lint, formatting and types
 	$(PY) -m ruff check .

@@ -117,6 +117,12 @@ def main(argv: list[str] | None = None) -> int:
     except (InputError, files.FolderInUse) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except OSError as error:
+        print(
+            f"error: cannot go on: {files.reason(error)}; the same command goes on from here.",
+            file=sys.stderr,
+        )
+        return 2
     except KeyboardInterrupt:
         print("interrupted; run the same command again to go on.", file=sys.stderr)
         return 130

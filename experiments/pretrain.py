@@ -254,6 +254,12 @@ def command() -> int:
     except (ValueError, FileNotFoundError) as error:
         print(f"pretrain: {error}", file=sys.stderr)
         return 2
+    except OSError as error:
+        print(
+            f"pretrain: cannot go on: {files.reason(error)}; the same command goes on from here",
+            file=sys.stderr,
+        )
+        return 2
     except KeyboardInterrupt:
         print("pretrain: interrupted; the same command goes on from here", file=sys.stderr)
         return 130

@@ -264,6 +264,11 @@ def main() -> int:
     except (ValueError, FileNotFoundError) as error:
         print(f"sweep: {error}", file=sys.stderr)
         return 2
+    except OSError as error:
+        print(
+            f"sweep: cannot go on: {files.reason(error)}; the same command goes on from here", file=sys.stderr
+        )
+        return 2
     except KeyboardInterrupt:
         print("sweep: interrupted; the same command goes on from here", file=sys.stderr)
         return 130

@@ -38,6 +38,14 @@ def read_npz(path: Path | str) -> dict[str, np.ndarray]:
         return {name: arrays[name] for name in arrays.files}
 
 
+def reason(error: OSError) -> str:
+    """What went wrong with which file, for a message: a full disk, a file that may not be written."""
+    if error.strerror is None:
+        return str(error)
+    where = "" if error.filename is None else f"{error.filename}: "
+    return f"{where}{error.strerror}"
+
+
 class FolderInUse(ValueError):
     """Another run holds a folder."""
 

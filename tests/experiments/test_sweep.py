@@ -5,6 +5,7 @@ import dataclasses
 import json
 import os
 import random
+import resource
 import subprocess
 import sys
 import time
@@ -162,6 +163,33 @@ def test_a_folder_of_something_else_is_refused_and_kept(monkeypatch, capsys, tmp
     assert "is not empty and holds no sweep; choose another --out" in capsys.readouterr().err
     assert run(monkeypatch, "--preset", "tiny", "--method", "direct", "--out", tmp_path / "thesis.tex") == 2
     assert tree_of(tmp_path) == {"thesis.tex": b"important"} and faked == []
+
+
+def test_a_folder_of_another_run_under_way_is_refused(monkeypatch, capsys, tmp_path, faked):
+    with files.held(tmp_path / "out"):
+        assert run(monkeypatch, "--preset", "tiny", "--method", "direct", "--out", tmp_path / "out") == 2
+    said = capsys.readouterr().err.strip()
+    assert f"is in use by another run (process {os.getpid()})" in said and "\n" not in said and faked == []
+
+
+def test_a_full_disk_and_a_folder_that_cannot_be_written_are_one_sentence(
+    monkeypatch, capsys, tmp_path, faked
+):
+    command = ("--preset", "tiny", "--method", "direct", "--out")
+    assert run(monkeypatch, *command, "/proc/nowhere/out") == 2
+    said = capsys.readouterr().err.strip()
+    assert said.startswith("sweep: ") and "/proc/nowhere" in said and "\n" not in said
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        status = run(monkeypatch, *command, tmp_path / "out")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert status == 2 and said.startswith("sweep: cannot go on: ") and "File too large" in said
+    # Where there is room again, it goes on.
+    assert run(monkeypatch, *command, tmp_path / "out") == 0
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["rows"]
 
 
 def test_an_empty_folder_and_one_of_a_sweep_killed_at_once_are_used(monkeypatch, tmp_path, faked):

@@ -42,6 +42,10 @@ class CorrectedModel:
         ctx = nominal_context(compiled)
         parts: dict[Term, np.ndarray] = {}
         for entry in effects:
+            if not isinstance(entry, dict) or not isinstance(entry.get("parameters"), dict):
+                raise InputError(
+                    f"effects: {str(entry)[:80]!r} is no effect; give the file that a diagnosis wrote."
+                )
             if "file" in entry and entry.get("form") not in REGISTRY:
                 raise InputError(
                     f"effects: {entry['id']} is an effect of {entry['file']}; load it first, by "
@@ -55,8 +59,9 @@ class CorrectedModel:
                 raise InputError(
                     f"effects: {error} is unknown or missing in {entry.get('id', entry)}."
                 ) from None
-            except ValueError as error:
-                raise InputError(f"effects: {error}") from None
+            except (ValueError, TypeError, AttributeError, IndexError) as error:
+                said = " ".join(str(error).split())
+                raise InputError(f"effects: {str(entry.get('id'))[:80]} cannot be used ({said}).") from None
         h = Hypothesis.of(*parts)
         return CorrectedModel(Machine.build(ctx, h.terms, tuple(parts[t] for t in h.terms)))
 
@@ -108,7 +113,7 @@ def _read_table(path: Path) -> dict[str, Any]:
         table = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(table["effects"], list) or not isinstance(table["model"], str):
             raise KeyError("effects")
-    except (OSError, KeyError, TypeError, ValueError) as error:
+    except (OSError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise InputError(
             f"cannot read {path.name} ({error}); give the file that a diagnosis wrote."
         ) from None

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
+from functools import partial
 from pathlib import Path
+from xml.parsers import expat
 
 import mujoco
 
 from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.machine.model_sizes import check_sizes
 
 DATA = (".stl", ".obj", ".msh", ".png", ".ktx", ".hdr", ".skn")
 """Endings of data that may lie outside of the model's folder."""
@@ -72,6 +75,7 @@ def _collect(
         return
     seen.add(path)
     tree = _read(path)
+    check_sizes(path.name, tree)
     for element in tree.iter():
         for key, value in element.items():
             if not value or not (key.startswith("file") or key in _FOLDERS):
@@ -90,16 +94,26 @@ def _read(path: Path) -> ET.Element:
         text = path.read_bytes()
     except OSError as error:
         raise InputError(f"cannot read the model file {path.name}: {error.strerror or error}.") from None
-    if b"<!ENTITY" in text or b"<!DOCTYPE" in text:
-        raise InputError(f"{path.name} contains a DOCTYPE or ENTITY declaration; remove it.")
     try:
+        # By the parser, not by the text: an encoding may hide the words.
+        declared = expat.ParserCreate()
+        declared.StartDoctypeDeclHandler = partial(_refuse_declaration, path)
+        declared.Parse(text, True)
         return ET.fromstring(text)
+    except InputError:
+        raise
+    except expat.ExpatError as error:
+        raise InputError(f"{path.name} is not well-formed XML ({error}); repair the file.") from None
     except ET.ParseError as error:
         raise InputError(f"{path.name} is not well-formed XML ({error}); repair the file.") from None
     except (ValueError, LookupError) as error:
         raise InputError(
             f"{path.name} has an encoding that cannot be read ({error}); save it as UTF-8."
         ) from None
+
+
+def _refuse_declaration(path: Path, *_: object) -> None:
+    raise InputError(f"{path.name} contains a DOCTYPE or ENTITY declaration; remove it.")
 
 
 def read_spec(path: Path, text: bytes | None = None) -> mujoco.MjSpec:

@@ -38,18 +38,36 @@ UNITS: dict[str, dict[str, float]] = {
 """Units by what they measure, each with its size in SI units."""
 _KEYS = ("from", "column", "unit", "scale", "offset")
 _STEP_KEYS = ("step", "unit")
+MOST_BYTES = 1 << 20
+"""Most bytes of a map."""
 Lookup = Callable[[str, str], tuple[np.ndarray, Sequence[str] | None] | None]
 """A title and the key that it is for, to its values [T] or [T, n] and the names of its parts."""
+
+
+class _Plain(yaml.SafeLoader):
+    """Plain data without aliases, by which a few lines may stand for more than fits into a message, or the memory."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark
+            raise yaml.composer.ComposerError(None, None, "aliases are not read", mark)
+        return super().compose_node(parent, index)
 
 
 def load(path: Path) -> dict[str, Any]:
     """Read a mapping file (YAML, or JSON, which is YAML too)."""
     try:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"the map {path.name} is larger than {MOST_BYTES >> 20} MB, which no map is.")
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read the map {path}: {error}.") from None
     try:
-        data = yaml.safe_load(text)
+        data = yaml.load(text, _Plain)  # a SafeLoader
+    except RecursionError:
+        raise InputError(
+            f"the map {path.name} is nested too deeply; a map has one line per column."
+        ) from None
     except (yaml.YAMLError, ValueError) as error:  # dates that are none
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f" (line {mark.line + 1}, column {mark.column + 1})"

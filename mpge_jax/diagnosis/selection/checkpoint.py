@@ -54,7 +54,7 @@ def attach(s: Search, p: Prepared, path: Path) -> None:
         last, first = (tuple(_scored(p.ctx, terms, x) for x in table[name]) for name in ("last", "first"))
         reached = Reached(_fit(p.ctx, terms, table["fit"]), last, first)
         p.sim.work, s.looked, s.resume = float(table["work"]), bool(table["looked"]), reached
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError):
         return
 
 
