@@ -1,4 +1,4 @@
-"""Policies as orbax checkpoints: in full precision, ready to act, and refused in one sentence where they are damaged."""
+"""Policies as orbax checkpoints: in full precision, ready to act, and refused in one sentence where damaged."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""The wheel in an environment of its own: it is installed there, and runs the README's library examples in an empty folder.
+"""The wheel in an environment of its own: installed there, it runs the README's library examples in an empty folder.
 
 python -m tests.supported.installed [FOLDER]   # `make installed`; the folder is kept
 """
@@ -34,7 +34,7 @@ def main(folder: Path) -> int:
         (wheel,) = folder.glob("mpge_jax-*.whl")
         venv.create(folder / "venv", with_pip=True, clear=True)
         run(python, "-m", "pip", "install", "--quiet", "-c", ROOT / "constraints.txt", wheel, cwd=empty)
-        where = "import envs, experiments, mpge_jax; assert 'site-packages' in mpge_jax.__file__; print(mpge_jax.__file__)"
+        where = "import envs, experiments, mpge_jax; assert 'site-packages' in mpge_jax.__file__"
         run(python, "-c", where, cwd=empty)
         blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
         (empty / "examples.py").write_text("\n".join(blocks))

@@ -30,13 +30,13 @@ def entry(python: str, edge: str, arguments: list[str]) -> str:
     pin = FOLDER / f"{edge}.txt"
     FOLDER.mkdir(parents=True, exist_ok=True)
     pin.write_text(f"jax=={oldest_jax()}\n" if edge == "oldest" else "")
-    if subprocess.run([*UV, "python", "find", "--quiet", python], capture_output=True).returncode:
-        return "no such Python here"
     if arguments[:1] == ["--resolve"]:
         resolve = ["pip", "compile", "--quiet", "--python-version", python, "--extra", "dev", "-c", str(pin)]
         done = subprocess.run([*UV, *resolve, "pyproject.toml"], cwd=ROOT, capture_output=True, text=True)
         found = re.search(r"^jax==(\S+)", done.stdout, re.MULTILINE)
         return f"jax {found[1]} resolves" if found else " ".join(done.stderr.split())[-300:]
+    if subprocess.run([*UV, "python", "find", "--quiet", python], capture_output=True).returncode:
+        return "no such Python on the path"
     steps = [
         [*UV, "venv", "--quiet", "--clear", "--python", python, str(home)],
         [*UV, "pip", "install", "--quiet", "--python", str(home), "-c", str(pin), "-e", ".[dev]"],

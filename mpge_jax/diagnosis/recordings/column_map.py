@@ -38,7 +38,7 @@ UNITS: dict[str, dict[str, float]] = {
 """Units by what they measure, each with its size in SI units."""
 _KEYS = ("from", "column", "unit", "scale", "offset")
 _STEP_KEYS = ("step", "unit")
-MOST_BYTES = 1 << 20
+MOST_BYTES = 1 << 18
 """Most bytes of a map."""
 Lookup = Callable[[str, str], tuple[np.ndarray, Sequence[str] | None] | None]
 """A title and the key that it is for, to its values [T] or [T, n] and the names of its parts."""
@@ -58,7 +58,7 @@ def load(path: Path) -> dict[str, Any]:
     """Read a mapping file (YAML, or JSON, which is YAML too)."""
     try:
         if path.stat().st_size > MOST_BYTES:
-            raise InputError(f"the map {path.name} is larger than {MOST_BYTES >> 20} MB, which no map is.")
+            raise InputError(f"the map {path.name} is larger than {MOST_BYTES >> 10} KB, which no map is.")
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read the map {path}: {error}.") from None

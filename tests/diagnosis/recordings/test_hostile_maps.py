@@ -22,7 +22,7 @@ LAUGHS = "a0: &a0 [x, x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" fo
         "columns: !!python/object/apply:os.system ['touch ran']",
         "columns: {time: !!python/name:os.system }",
         f"{LAUGHS}columns: {{time: {{from: t, unit: *a39}}}}",
-        "columns: " + "[" * 100_000,
+        "columns: " + "[" * 10_000,
         "columns: " + "{a: " * 5_000,
         "columns: [1]",
         "x" * (1 << 21),
