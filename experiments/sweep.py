@@ -109,7 +109,7 @@ def cells_of(args: Args) -> tuple[list[Cell], Preset]:
                 f"--method {method} learns nothing from a log, and there is no target to act in but --target-log "
                 f"(allowed: {', '.join(known)})"
             )
-    files, sizes = _recorded(args, task) if args.target_log else (None, list(args.samples or (1000,)))
+    log, sizes = _recorded(args, task) if args.target_log else (None, list(args.samples or (1000,)))
     for samples in sizes:
         if samples < preset.policies:
             raise ValueError(
@@ -119,7 +119,7 @@ def cells_of(args: Args) -> tuple[list[Cell], Preset]:
         _check_policies(args.task, chosen, preset)
     seeds = tuple(range(args.seeds))
     cells = [
-        Cell(task, method, samples, seeds, preset, args.backend, args.dynamics, files)
+        Cell(task, method, samples, seeds, preset, args.backend, args.dynamics, log)
         for method in dict.fromkeys(chosen)
         for samples in methods.known_samples(sorted(set(sizes)), method)
     ]
@@ -153,14 +153,14 @@ def _task_of(args: Args, own: tuple[Path, str] | None) -> str:
 def _recorded(args: Args, task: str) -> tuple[LogFiles, list[int]]:
     """The log of a real target, and how many of its transitions are learned from."""
     resolve = lambda path: None if path is None else path.resolve()  # noqa: E731
-    files = LogFiles(
+    log = LogFiles(
         tuple(p.resolve() for p in args.target_log),
         resolve(args.model),
         resolve(args.map),
         tuple(p.resolve() for p in args.reader_file),
     )
-    available = logged.read(files, envs.source_of(task)).train.size
-    return files, logged.checked_samples(args.samples, available)
+    available = logged.read(log, envs.source_of(task)).train.size
+    return log, logged.checked_samples(args.samples, available)
 
 
 def _check_policies(task: str, chosen: Sequence[str], preset: Preset) -> None:
