@@ -89,8 +89,8 @@ def markdown(rows: Rows, order: list[str], failures: dict[str, str]) -> str:
 def _from_log(rows: Rows, order: list[str]) -> list[str]:
     """What was learned from a recorded log: how well simulators predict the rest of it, and where the policies are."""
     lines = [
-        "Learned from a recorded log: nothing was run in the target, so there is no return there, and methods that act in "
-        "it (`direct`, `target`, `finetune`) or learn nothing from a log (`DR`) are left out. The errors are root "
+        "Learned from a recorded log: nothing was run in the target, so there is no return there, and methods that act "
+        "in it (`direct`, `target`, `finetune`) or learn nothing from a log (`DR`) are left out. The errors are root "
         "mean square errors of one control step, predicted from the state before it, on transitions that nothing was "
         "learned from, in standard deviations of the change of each number; mean ± standard deviation over seeds.",
         "",

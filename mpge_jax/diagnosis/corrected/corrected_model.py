@@ -52,7 +52,7 @@ class CorrectedModel:
                     "mpge_jax.diagnosis.load_effects."
                 )
             try:
-                effect = REGISTRY[entry.get("form", entry["id"])]
+                effect = REGISTRY[str(entry.get("form", entry["id"]))]
                 place = find_place(ctx, effect, entry["at"], entry.get("kind"))
                 parts[Term(effect.id, place)] = effect.from_report(ctx, place, entry["parameters"])
             except KeyError as error:
