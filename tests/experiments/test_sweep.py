@@ -48,7 +48,7 @@ def tiny(monkeypatch):
     monkeypatch.setattr(policies, "shipped", shipped)
 
 
-def outcome(cell: methods.Cell, value: float = 250.0) -> Outcome:
+def outcome(cell: methods.Cell, value: float = 250.0, agents=None) -> Outcome:
     """A result as `methods.run` gives it: returns `value`, `value + 100`, ... by seed."""
     rows = [
         {
@@ -67,7 +67,7 @@ def outcome(cell: methods.Cell, value: float = 250.0) -> Outcome:
     ]
     grounded = cell.samples and cell.method != "GAT"
     curve = {"error_uniform": np.linspace(1.0, 0.3, 8).reshape(4, 2, 1)} if grounded else {}
-    return Outcome(rows, 0.0, curve, None, small.policy_set())
+    return Outcome(rows, 0.0, curve, None, agents or small.policy_set())
 
 
 @pytest.fixture
@@ -355,6 +355,20 @@ def test_a_resumed_cell_takes_no_further_target_steps(monkeypatch, tmp_path, tin
     monkeypatch.setattr(target_log, "collect", None)
     again = recording.record(cell, METHODS["GAT"], target, sets, tmp_path)
     jax.tree.map(np.testing.assert_array_equal, again, logs)
+
+
+def faked_main(out: str) -> int:
+    """What processes that are killed often run: cells of no cost, so that kills fall on what a sweep writes."""
+    agents, _ = policies.load(policies.shipped_path("InvertedPendulum", "MS"))
+    sys.argv += ["--out", out]
+    PRESETS["tiny"] = TINY
+
+    def fake(cell, folder, quiet):
+        time.sleep(0.05)
+        return outcome(cell, agents=agents)
+
+    methods.run = fake
+    return sweep.main()
 
 
 def tiny_main(out: str | None = None):
