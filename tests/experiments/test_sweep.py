@@ -165,13 +165,6 @@ def test_a_folder_of_something_else_is_refused_and_kept(monkeypatch, capsys, tmp
     assert tree_of(tmp_path) == {"thesis.tex": b"important"} and faked == []
 
 
-def test_a_folder_of_another_run_under_way_is_refused(monkeypatch, capsys, tmp_path, faked):
-    with files.held(tmp_path / "out"):
-        assert run(monkeypatch, "--preset", "tiny", "--method", "direct", "--out", tmp_path / "out") == 2
-    said = capsys.readouterr().err.strip()
-    assert f"is in use by another run (process {os.getpid()})" in said and "\n" not in said and faked == []
-
-
 def test_a_full_disk_and_a_folder_that_cannot_be_written_are_one_sentence(
     monkeypatch, capsys, tmp_path, faked
 ):
