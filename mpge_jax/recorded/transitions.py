@@ -25,8 +25,8 @@ from mpge_jax.diagnosis.corrected.tasks import nominal_spec, task_of
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names, compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.recordings import reader, states
-from mpge_jax.diagnosis.recordings.held_out_split import split
 from mpge_jax.diagnosis.recordings.recording import Recording
+from mpge_jax.diagnosis.recordings.three_parts import three_parts
 from mpge_jax.recorded.control_steps import control_steps
 from mpge_jax.recorded.task_columns import in_order_of
 from mpge_jax.rollouts.target_log import TargetLog
@@ -91,7 +91,7 @@ def read(
 ) -> Recorded:
     """Reads logs of any format that the diagnosis reads.
 
-    Held out are recordings called `heldout_*`, else a third of the recordings, else the last third of a single one.
+    Held out are recordings called `heldout_*`, else a quarter of the recordings, else the last quarter of each of a few.
     Velocities that were not recorded are estimated from the positions of the same recording.
 
     Args:
@@ -111,9 +111,10 @@ def read(
             raise InputError(
                 f"{r.name}: there are no commands ('ctrl'), so what was done in it is not known."
             )
-    train, held, notes = split(found, None, np.random.default_rng(0))
+    parts = three_parts(found, None, np.random.default_rng(0), chosen=False)
+    notes = parts.warnings
     seen = [w for r in found for w in r.warnings]
-    cut = [_transitions(part, read_by, names, task) for part in (train, held)]
+    cut = [_transitions(part, read_by, names, task) for part in (parts.train, parts.test)]
     return Recorded(cut[0][0], cut[1][0], tuple(dict.fromkeys([*notes, *seen, *cut[0][1], *cut[1][1]])))
 
 
