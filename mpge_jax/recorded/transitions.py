@@ -91,7 +91,7 @@ def read(
 ) -> Recorded:
     """Reads logs of any format that the diagnosis reads.
 
-    Held out are recordings called `heldout_*`, else a quarter of the recordings, else the last quarter of each of a few.
+    Held out are recordings called `heldout_*`, else a quarter of them, else the last quarter of each of a few.
     Velocities that were not recorded are estimated from the positions of the same recording.
 
     Args:
