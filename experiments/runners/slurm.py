@@ -1,0 +1,83 @@
+"""Jobs as arrays of Slurm, by submitit."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import submitit
+from submitit.helpers import Checkpointable
+
+from experiments.runners.job import Ended, Job, perform
+from experiments.runners.options import Options
+
+ARRAY = 1000
+"""Jobs of an array at most: Slurm's MaxArraySize is 1001 where nobody set it."""
+_POLL_S = 1.0
+
+
+class Resumable(Checkpointable):
+    """A job that Slurm interrupts, for its time or for a job that goes first, is queued again and goes on."""
+
+    def __call__(self, job: Job) -> Ended:
+        return perform(job)
+
+
+def run(jobs: Sequence[Job], options: Options, logs: Path) -> Iterator[Ended]:
+    """Submits jobs and waits for them, which end in any order.
+
+    They go on when this process ends; the same command then waits for what runs and submits what is left. Scripts and
+    logs lie in `logs`.
+    """
+    executor = executor_of(options, logs)
+    running: list[tuple[Job, Any]] = []
+    for first in range(0, len(jobs), ARRAY):
+        part = jobs[first : first + ARRAY]
+        running += zip(part, executor.map_array(Resumable(), part), strict=True)
+    while running:
+        left = []
+        for job, handle in running:
+            if handle.done():
+                yield _answer(job, handle)
+            else:
+                left.append((job, handle))
+        running = left
+        if running:
+            time.sleep(_POLL_S if options.executor == "slurm" else 0.1)
+
+
+def executor_of(options: Options, logs: Path) -> submitit.AutoExecutor:
+    """submitit's executor with what a job may use.
+
+    Raises:
+      ValueError: this machine has no `sbatch`.
+    """
+    try:
+        executor = submitit.AutoExecutor(logs, options.executor, slurm_max_num_timeout=options.retries)
+    except RuntimeError as error:
+        raise ValueError(
+            f"--runner slurm needs a machine that submits to Slurm, and this one does not ({error})"
+        ) from None
+    executor.update_parameters(
+        name="mpge",
+        timeout_min=math.ceil(60 * options.hours),
+        cpus_per_task=options.cpus,
+        gpus_per_node=options.gpus,
+        **({} if options.memory_gb is None else {"mem_gb": options.memory_gb}),
+        slurm_additional_parameters=dict(option.split("=", 1) for option in options.sbatch),
+    )
+    return executor
+
+
+def _answer(job: Job, handle: Any) -> Ended:
+    try:
+        answer = handle.result()
+    except Exception as error:
+        # submitit raises errors of many kinds for jobs that ended without an answer; the last line says which.
+        last = str(error).strip().rpartition("\n")[2]
+        return Ended(job.name, "failed", f"Slurm lost it (job {handle.job_id}: {last})", str(error))
+    assert isinstance(answer, Ended)
+    return answer
