@@ -6,6 +6,6 @@ stands. So a run that was cut short goes on with the same command, on whichever 
 
 from experiments.runners.job import Cost, Ended, Job, Refused
 from experiments.runners.options import Options
-from experiments.runners.run import check, run
+from experiments.runners.dispatch import check, run
 
 __all__ = ["Cost", "Ended", "Job", "Options", "Refused", "check", "run"]

@@ -65,6 +65,6 @@ class Options:
         return self.runner == "local" and self.workers == 1
 
     @property
-    def at_once(self) -> int:
-        """Cores that jobs of a local run share out between them."""
-        return max(1, (os.cpu_count() or 1) // self.workers)
+    def threads(self) -> int:
+        """Cores that one job can count on: what a scheduler keeps free for it, or its part of this machine."""
+        return self.cpus if self.runner != "local" else max(1, (os.cpu_count() or 1) // self.workers)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import importlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 from experiments.runners.job import Ended, Job
 from experiments.runners.options import Options
 
+Runner = Callable[[Sequence[Job], Options, Path], Iterator[Ended]]
+"""What the module of every runner has by the name `run`."""
 _MODULES = {"local": "local", "ray": "ray_cluster", "slurm": "slurm"}
 _NEEDS = {"ray": "ray", "slurm": "submitit"}
 
@@ -45,7 +47,7 @@ def run(jobs: Sequence[Job], options: Options, logs: Path) -> Iterator[Ended]:
     return _run(jobs, options, logs, module.run)
 
 
-def _run(jobs: Sequence[Job], options: Options, logs: Path, runner) -> Iterator[Ended]:
+def _run(jobs: Sequence[Job], options: Options, logs: Path, runner: Runner) -> Iterator[Ended]:
     todo = []
     for job in jobs:
         if job.result.exists():
