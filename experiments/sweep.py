@@ -238,7 +238,9 @@ def _run(args: Args, cells: list[Cell], preset: Preset, folder: SweepFolder) -> 
     # With its whole path, so that any process finds it.
     whole = out.resolve()
     jobs = [
-        runners.Job(name, run_cell, CellJob(cell, whole, folder.identity, quiet), folder.result(*_key(cell)).resolve())
+        runners.Job(
+            name, run_cell, CellJob(cell, whole, folder.identity, quiet), folder.result(*_key(cell)).resolve()
+        )
         for name, cell in by_name.items()
     ]
     failures: dict[str, str] = {}

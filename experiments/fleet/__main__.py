@@ -53,7 +53,9 @@ def fleet(args: Args) -> int:
     identity = settings.identity()
     before = None if args.before is None else table.read(args.before)
     if not args.robots.is_dir():
-        raise ValueError(f"--robots {args.robots} is not a folder: it needs one folder of recordings for each robot")
+        raise ValueError(
+            f"--robots {args.robots} is not a folder: it needs one folder of recordings for each robot"
+        )
     record = args.out / "settings.json"
     _check_out(args.out, record, identity)
     console = Console(stderr=True)
@@ -62,7 +64,9 @@ def fleet(args: Args) -> int:
         files.write_text(record, json.dumps(identity, indent=1))
         for number, ended in enumerate(runners.run(jobs, args.options, args.out / "jobs"), 1):
             robot.keep_outcome(ended, args.out / "robots")
-            console.print(f"[{number}/{len(jobs)}] {_told(ended)}", highlight=False, markup=False)
+            console.print(
+                f"[{number}/{len(jobs)}] {_told(ended)}", highlight=False, markup=False, soft_wrap=True
+            )
         found, failed = robot.tables(jobs)
         result = compare(found_of(found), failed)
         _write(result, args.out, identity, None if before is None else changes.changes_of(result, *before))

@@ -82,9 +82,7 @@ def _sure(table: Mapping[str, Any]) -> dict[Key, dict[str, Estimate]]:
     return {key: value for key, value in _effects(table["effects"]).items() if key not in doubted}
 
 
-def _found(
-    table: Mapping[str, Any], sure: dict[Key, dict[str, Estimate]], support: Counter[Key]
-) -> Found:
+def _found(table: Mapping[str, Any], sure: dict[Key, dict[str, Estimate]], support: Counter[Key]) -> Found:
     effects, read_as = dict(sure), []
     for candidates in _choices(table):
         chosen = max(candidates, key=lambda c: sum(support[key] for key in c))
@@ -136,7 +134,5 @@ def on_one_turn(name: str, estimates: Mapping[str, Estimate]) -> dict[str, Estim
     if name != "phase":
         return dict(estimates)
     middle = float(np.angle(np.mean([np.exp(1j * e.value) for e in estimates.values()])))
-    turned = {
-        robot: middle + math.remainder(e.value - middle, 2 * math.pi) for robot, e in estimates.items()
-    }
+    turned = {robot: middle + math.remainder(e.value - middle, 2 * math.pi) for robot, e in estimates.items()}
     return {robot: Estimate(turned[robot], e.error, e.unit) for robot, e in estimates.items()}

@@ -42,11 +42,11 @@ def sections(fleet: Fleet, changes: Mapping[str, Any] | None) -> list[Section]:
 
 def lead(fleet: Fleet) -> str:
     """The fleet in a sentence."""
-    count = len(fleet.found)
     shared = [named(e.key) for e in fleet.effects if e.shared]
-    what = f"What most of them share: {', '.join(shared)}." if shared else "They share no effect."
-    failed = f", {len(fleet.failed)} could not be diagnosed" if fleet.failed else ""
-    return f"{count} robots were diagnosed{failed}; {len(fleet.odd)} of them are odd. {what}"
+    what = f"Most have {', '.join(shared)}." if shared else "They share no effect."
+    failed = f", {len(fleet.failed)} could not be" if fleet.failed else ""
+    odd = f"{len(fleet.odd)} {'is' if len(fleet.odd) == 1 else 'are'} odd"
+    return f"{len(fleet.found)} robots were diagnosed{failed}; {odd}. {what}"
 
 
 def _failed(fleet: Fleet) -> Section:
@@ -123,9 +123,8 @@ def _changes(changes: Mapping[str, Any] | None) -> list[Section]:
     ):
         rows += [[robot, text] for robot in changes[what]]
     compared = changes["compared"]
-    text = (
-        f"{compared['robots']} robots and {compared['parameters']} parameters were compared."
-        + ("" if rows else " Nothing changed by more than chance explains.")
+    text = f"{compared['robots']} robots and {compared['parameters']} parameters were compared." + (
+        "" if rows else " Nothing changed by more than chance explains."
     )
     return [Section("What changed since", text, ["robot", "change"], rows)]
 
@@ -170,7 +169,9 @@ def html(fleet: Fleet, changes: Mapping[str, Any] | None, picture: Path | None) 
         parts += [f"<p>{text}</p>" for text in _more(section) if text]
     if picture is not None:
         data = base64.b64encode(picture.read_bytes()).decode()
-        parts.append(f'<h2>Each robot</h2><img alt="each robot\'s estimates" src="data:image/png;base64,{data}">')
+        parts.append(
+            f'<h2>Each robot</h2><img alt="each robot\'s estimates" src="data:image/png;base64,{data}">'
+        )
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Fleet</title>'
         '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'

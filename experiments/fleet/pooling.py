@@ -1,7 +1,7 @@
 """One number measured on many robots: the shared value, how far robots differ, and which stand out.
 
-The model is that of a random-effects meta-analysis, `y_i ~ N(mu, tau^2 + s_i^2)`: `y_i` is robot i's estimate, `s_i` its
-standard error, `mu` the shared value, and `tau` the spread of the robots themselves.
+The model is that of a random-effects meta-analysis, `y_i ~ N(mu, tau^2 + s_i^2)`: `y_i` is robot i's estimate, `s_i`
+its standard error, `mu` the shared value, and `tau` the spread of the robots themselves.
 
 Shapes: `K` robots.
 """
@@ -86,7 +86,9 @@ def standing_out(y: Array, s: Array, level: float = LEVEL) -> Array:
         pooled = pool(y[rest], s[rest], interval=False)
         far = int(np.argmax(np.abs(y[rest] - pooled.value) / np.hypot(s[rest], pooled.spread)))
         others = np.delete(rest, far)
-        chance = 2 * stats.t.sf(abs(distance(y[rest[far]], s[rest[far]], y[others], s[others])), len(others) - 1)
+        chance = 2 * stats.t.sf(
+            abs(distance(y[rest[far]], s[rest[far]], y[others], s[others])), len(others) - 1
+        )
         taken.append(rest[far])
         if chance < level / len(rest):
             last = len(taken)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +101,9 @@ def jobs_of(settings: Settings, robots: Path, out: Path) -> list[Job]:
     """
     folders = sorted(p for p in robots.iterdir() if p.is_dir() and not p.name.startswith("."))
     if not folders:
-        raise ValueError(f"--robots {robots} has no folders: it needs one folder of recordings for each robot")
+        raise ValueError(
+            f"--robots {robots} has no folders: it needs one folder of recordings for each robot"
+        )
     given = [RobotJob(settings, folder.resolve(), out.resolve() / folder.name) for folder in folders]
     for each in given:
         if (each.out / RESULT).exists() and _read(each.out / GIVEN) != each.given():

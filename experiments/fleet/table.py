@@ -94,7 +94,9 @@ def read(folder: Path) -> tuple[dict[str, Found], dict[str, str]]:
         found = {robot: _found(each) for robot, each in table["robots"].items()}
         failed = {each["robot"]: each["reason"] for each in table["failed"]}
     except FileNotFoundError:
-        raise ValueError(f"{folder} holds no finished fleet ({NAME}); give the --out of an earlier one") from None
+        raise ValueError(
+            f"{folder} holds no finished fleet ({NAME}); give the --out of an earlier one"
+        ) from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path} cannot be read ({type(error).__name__}: {error})") from error
     return found, failed

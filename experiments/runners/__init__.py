@@ -4,8 +4,8 @@ A job is a function of a frozen description; it writes a folder of its own, its 
 stands. So a run that was cut short goes on with the same command, on whichever runner.
 """
 
+from experiments.runners.dispatch import check, run
 from experiments.runners.job import Cost, Ended, Job, Refused
 from experiments.runners.options import Options
-from experiments.runners.dispatch import check, run
 
 __all__ = ["Cost", "Ended", "Job", "Options", "Refused", "check", "run"]

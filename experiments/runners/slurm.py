@@ -46,7 +46,7 @@ def run(jobs: Sequence[Job], options: Options, logs: Path) -> Iterator[Ended]:
                 left.append((job, handle))
         running = left
         if running:
-            time.sleep(_POLL_S if options.executor == "slurm" else 0.1)
+            time.sleep(_POLL_S)
 
 
 def executor_of(options: Options, logs: Path) -> submitit.AutoExecutor:
@@ -76,8 +76,8 @@ def _answer(job: Job, handle: Any) -> Ended:
     try:
         answer = handle.result()
     except Exception as error:
-        # submitit raises errors of many kinds for jobs that ended without an answer; the last line says which.
-        last = str(error).strip().rpartition("\n")[2]
-        return Ended(job.name, "failed", f"Slurm lost it (job {handle.job_id}: {last})", str(error))
+        # submitit raises errors of many kinds for jobs that ended without an answer.
+        reason = f"Slurm lost it (job {handle.job_id}, {handle.state}; its log is {handle.paths.stderr})"
+        return Ended(job.name, "failed", reason, str(error))
     assert isinstance(answer, Ended)
     return answer

@@ -96,7 +96,9 @@ def _do(command: MakeRobots | OfFleet | OfSweep | OfJobs | OfComparison | WriteP
         robots.write(command.robots, command.out)
         return command.out
     if isinstance(command, OfFleet):
-        found = [row for f in command.folders for row in costs.of_fleet(f / "fleet", f / "model.xml", f / "robots")]
+        found = [
+            row for f in command.folders for row in costs.of_fleet(f / "fleet", f / "model.xml", f / "robots")
+        ]
         return costs.add(found, command.kept)
     if isinstance(command, OfSweep):
         return costs.add([row for f in command.folders for row in costs.of_sweep(f)], command.kept)

@@ -71,7 +71,9 @@ def write(robots: Robots, folder: Path) -> None:
             files.write_npz(folder / "robots" / f"robot_{number}" / f"run_{run}.npz", arrays)
 
 
-def _record(xml: str, friction: np.ndarray, robots: Robots, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def _record(
+    xml: str, friction: np.ndarray, robots: Robots, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
     machine = mujoco.MjModel.from_xml_string(xml)
     machine.opt.timestep /= _FINER
     data = mujoco.MjData(machine)

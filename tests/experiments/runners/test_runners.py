@@ -56,7 +56,11 @@ def test_several_processes_write_the_same_bytes_and_survive_the_death_of_one(tmp
     )
     assert told(several, "ended") == ["job_0", "job_2"]
     # The dead one's folder is free again.
-    assert [e.state for e in runners.run(sums(several, 3), Options(), several)] == ["before", "before", "done"]
+    assert [e.state for e in runners.run(sums(several, 3), Options(), several)] == [
+        "before",
+        "before",
+        "done",
+    ]
     assert results_of(several) == results_of(alone) and len(results_of(alone)) == 3
 
 
