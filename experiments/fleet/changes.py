@@ -96,11 +96,10 @@ def _together(
         y, s = (np.array([getattr(step, field) for _, step in pairs]) for field in ("value", "error"))
         mean = pool(y, s, interval=False)
         chance = 2 * float(stats.t.sf(abs(mean.value / mean.error), len(pairs) - 1))
-        was = float(np.mean([old.value for old, _ in pairs]))
         unit = pairs[0][0].unit
-        yield _row(
-            key, name, Estimate(was, math.nan, unit), Estimate(mean.value, mean.error, unit), chance
-        ) | {"robots": len(pairs)}
+        usual = Estimate(float(np.mean([old.value for old, _ in pairs])), math.nan, unit)
+        step = Estimate(mean.value, mean.error, unit)
+        yield _row(key, name, usual, step, chance) | {"robots": len(pairs)}
 
 
 def _size(robot: dict[str, Any]) -> tuple[int, float]:

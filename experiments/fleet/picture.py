@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -55,7 +56,7 @@ def _panel(axis: Axes, effect: Effect, p: Parameter, robots: list[str]) -> None:
             found = [p.estimates[robots[i]] for i in rows]
             # An estimate without an interval is a point.
             half = [1.96 * e.error if e.error > 0 else 0.0 for e in found]
-            style = {"fmt": "o", "ms": 3, "lw": 1, "color": colour, "label": label}
+            style: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 1, "color": colour, "label": label}
             axis.errorbar([e.value for e in found], rows, xerr=half, **style)
     axis.set_yticks(range(len(robots)), [short(robot, 18) for robot in robots], fontsize=7)
     axis.invert_yaxis()

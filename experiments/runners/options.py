@@ -8,6 +8,12 @@ from typing import Annotated, Literal
 
 import tyro
 
+ARRAY = 1000
+"""Jobs of one array of Slurm at most: its MaxArraySize is 1001 where nobody set it."""
+
+AHEAD = 1000
+"""Jobs that Ray is given at a time: enough for its scheduler and autoscaler, and a short list to wait on."""
+
 
 @dataclass(frozen=True)
 class Options:

@@ -11,10 +11,7 @@ from typing import Any
 import ray
 
 from experiments.runners.job import Ended, Job, perform
-from experiments.runners.options import Options
-
-AHEAD = 1000
-"""Tasks that Ray is given at a time: enough for its scheduler and autoscaler, and a short list to wait on."""
+from experiments.runners.options import AHEAD, Options
 
 
 def run(jobs: Sequence[Job], options: Options, logs: Path) -> Iterator[Ended]:

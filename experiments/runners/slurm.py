@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import submitit
+from submitit.core.utils import FailedJobError, FailedSubmissionError
 from submitit.helpers import Checkpointable
 
 from experiments.runners.job import Ended, Job, perform
-from experiments.runners.options import Options
+from experiments.runners.options import ARRAY, Options
 
-ARRAY = 1000
-"""Jobs of an array at most: Slurm's MaxArraySize is 1001 where nobody set it."""
 _POLL_S = 1.0
 
 
@@ -29,14 +28,23 @@ class Resumable(Checkpointable):
 def run(jobs: Sequence[Job], options: Options, logs: Path) -> Iterator[Ended]:
     """Submits jobs and waits for them, which end in any order.
 
-    They go on when this process ends; the same command then waits for what runs and submits what is left. Scripts and
-    logs lie in `logs`.
+    They go on when this process ends. The same command then submits what has no result anew: what still runs is waited
+    for in its folder, and found done. Scripts and logs lie in `logs`.
+
+    Raises:
+      ValueError: Slurm refuses them.
     """
     executor = executor_of(options, logs)
     running: list[tuple[Job, Any]] = []
     for first in range(0, len(jobs), ARRAY):
         part = jobs[first : first + ARRAY]
-        running += zip(part, executor.map_array(Resumable(), part), strict=True)
+        try:
+            running += zip(part, executor.map_array(Resumable(), part), strict=True)
+        except (FailedJobError, FailedSubmissionError) as error:
+            last = str(error).strip().rpartition("\n")[2]
+            raise ValueError(
+                f"Slurm refused jobs {first + 1} to {first + len(part)} of {len(jobs)}: {last}"
+            ) from None
     while running:
         left = []
         for job, handle in running:

@@ -55,12 +55,14 @@ class CellCost:
 
 @dataclass(frozen=True)
 class Jobs:
-    """`jobs` that do nothing, on a runner, with `workers` where it is local: by the clock of the one that waits."""
+    """`jobs` that do nothing, on a runner, with `workers` where it is local: by the clock of the one that waits, with
+    `load` processes that wanted a core (mean of the last minute)."""
 
     runner: str
     workers: int
     jobs: int
     seconds: float
+    load: float
     machine: str
 
 
@@ -178,7 +180,7 @@ def read(kind: type[Row], folder: Path) -> list[Row]:
 
 def add(rows: Sequence[Row], folder: Path) -> Path:
     """Keeps rows beside those that are kept; of two of the same thing the new one."""
-    kind = type(rows[0])
+    kind: type[Row] = type(rows[0])
     kept = {_what(row): row for row in [*read(kind, folder), *rows]}
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, [f.name for f in fields(kind)], lineterminator="\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import tempfile
 import time
@@ -47,7 +48,7 @@ def measure_jobs(count: int, options: runners.Options) -> Jobs:
         seconds = time.monotonic() - start
     name = options.runner if options.runner != "slurm" else f"slurm ({options.executor})"
     workers = options.workers if options.runner == "local" else 0
-    return Jobs(name, workers, count, round(seconds, 2), machine())
+    return Jobs(name, workers, count, round(seconds, 2), round(os.getloadavg()[0], 1), machine())
 
 
 def measure_comparison(robots: int, effects: int = 3) -> Comparison:
