@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from experiments.fleet.comparison import Effect, Fleet, Parameter, named
 from mpge_jax.diagnosis.estimation.quantities import digits
@@ -126,7 +127,7 @@ def _changes(changes: Mapping[str, Any] | None) -> list[Section]:
     text = f"{compared['robots']} robots and {compared['parameters']} parameters were compared." + (
         "" if rows else " Nothing changed by more than chance explains."
     )
-    return [Section("What changed since", text, ["robot", "change"], rows)]
+    return [Section("What changed", text, ["robot", "change"], rows)]
 
 
 def _step(step: Mapping[str, Any]) -> str:
@@ -146,9 +147,13 @@ def markdown(fleet: Fleet, changes: Mapping[str, Any] | None, picture: bool) -> 
             lines += [f"| {' | '.join(section.head)} |", "|---" * len(section.head) + "|"]
             cells = [[cell.replace("|", "\\|") for cell in row] for row in section.rows[:SHOWN]]
             if section.robots:
-                cells = [[f"[{row[0]}](robots/{row[0]}/report.html)", *row[1:]] for row in cells]
+                cells = [[f"[{row[0]}]({_report(row[0])})", *row[1:]] for row in cells]
             lines += [f"| {' | '.join(row)} |" for row in cells] + ["", *_more(section)]
     return "\n".join([*lines, *(["![Each robot's estimates](fleet.png)"] if picture else [])]) + "\n"
+
+
+def _report(robot: str) -> str:
+    return f"robots/{quote(robot)}/report.html"
 
 
 def _more(section: Section) -> list[str]:
@@ -164,7 +169,10 @@ def html(fleet: Fleet, changes: Mapping[str, Any] | None, picture: Path | None) 
         parts += [f"<p>{escape(section.text)}</p>"] if section.text else []
         rows = [[escape(cell) for cell in row] for row in section.rows[:SHOWN]]
         if section.robots:
-            rows = [[f'<a href="robots/{row[0]}/report.html">{row[0]}</a>', *row[1:]] for row in rows]
+            links = [_report(row[0]) for row in section.rows]
+            rows = [
+                [f'<a href="{link}">{row[0]}</a>', *row[1:]] for link, row in zip(links, rows, strict=False)
+            ]
         parts += [html_table(section.head, rows)] if rows else []
         parts += [f"<p>{text}</p>" for text in _more(section) if text]
     if picture is not None:

@@ -18,6 +18,7 @@ from experiments.blind.truth.excitation import KINDS, reference
 from experiments.blind.truth.physics import INSTALL, UNKNOWN
 from experiments.blind.truth.sensors import Sensors, draw_sensors
 from experiments.blind.vocabulary import PARAMETERS
+from experiments.runners import Options
 
 SOURCES = sorted(Path(package.__file__).parent.rglob("*.py"))
 
@@ -200,6 +201,10 @@ def test_run_is_resumable_and_keeps_errors(tmp_path):
     assert json.loads((tmp_path / "runs" / "case_bad" / "run.json").read_text())["status"] == 1
     run_all(**arguments, retry_failed=True)
     assert json.loads((tmp_path / "runs" / "case_bad" / "run.json").read_text())["status"] == 3
+    several = {**arguments, "out": tmp_path / "several", "options": Options(workers=2)}
+    run_all(**several)
+    notes = [json.loads(path.read_text()) for path in sorted((tmp_path / "several").glob("*/run.json"))]
+    assert [note["status"] for note in notes] == [3, 3]
     with pytest.raises(FileNotFoundError):
         run_all(tmp_path / "none", tmp_path / "runs")
     with pytest.raises(ValueError, match="no such case"):

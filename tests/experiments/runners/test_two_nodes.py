@@ -18,12 +18,16 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[3]
 
 
+# Ray's workers give way to every other process of a machine unless told otherwise.
+RAY = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
+
+
 def do(what: str, out: Path) -> None:
     code = f"from tests.experiments.runners import two_nodes; two_nodes.main({what!r}, {str(out)!r})"
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=ROOT,
-        env={**os.environ, "JAX_PLATFORMS": "cpu", "RAY_USAGE_STATS_ENABLED": "0"},
+        env={**os.environ, "JAX_PLATFORMS": "cpu", **RAY},
         capture_output=True,
         text=True,
     )

@@ -82,10 +82,8 @@ REAL = sweep.run_cell
 def run_cells(out: Path, options: runners.Options) -> None:
     """Three cells of the sweep on the tiny preset."""
     PRESETS["tiny"], sweep.run_cell = TINY, tiny_cell
-    args = sweep.Args(
-        method=("direct", "GAT", "SPG"), samples=(11,), preset="tiny", backend="c", out=out, quiet=True
-    )
-    assert sweep.sweep(sweep.Args(**{**vars(args), "options": options})) == 0
+    asked = {"method": ("direct", "GAT", "SPG"), "samples": (11,), "preset": "tiny", "backend": "c"}
+    assert sweep.sweep(sweep.Args(**asked, out=out, quiet=True, options=options)) == 0
 
 
 def main(what: str, out: str) -> None:
