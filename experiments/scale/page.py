@@ -130,8 +130,8 @@ def _cells(rows: list[CellCost]) -> str:
     longer = ", ".join(f"{t} {steps['paper'][t] / count:.0f} times" for t, count in steps["standard"].items())
     return (
         "\n## What a cell costs\n\nFrom folders that sweeps left (`python -m experiments.scale sweep FOLDER`; "
-        f"{_machines(rows)}). A dash: from before CPU time and memory were kept.\n\n{table(head, cells)}\n"
-        "`paper` and `release` were not run. For them, grounding takes more steps of the simulator than in `standard` "
+        f"{_machines(rows)}).\nA dash: from before CPU time and memory were kept.\n\n{table(head, cells)}\n"
+        "`paper` and `release` were not run. For them, grounding takes more steps of the simulator than in `standard`\n"
         f"(`paper`: {longer}), in one simulator at a time.\n"
     )
 
@@ -177,15 +177,14 @@ def _checked(rows: list[Diagnosis]) -> str:
 
 
 def _jobs(rows: list[Jobs]) -> str:
-    head = ("runner", "jobs", "load", "s", "ms a job", f"hours for {ROBOTS:,} at that rate")
+    head = ("runner", "jobs", "load", "s", "ms a job")
     cells = [
         (
             j.runner + (f", {j.workers} process{'es' if j.workers > 1 else ''}" if j.workers else ""),
             f"{j.jobs:,}",
             f"{j.load:.0f}",
             f"{j.seconds:.1f}",
-            f"{1e3 * j.seconds / j.jobs:.1f}",
-            f"{ROBOTS * j.seconds / j.jobs / 3600:.2g}",
+            f"{1e3 * j.seconds / j.jobs:,.0f}",
         )
         for j in rows
     ]
