@@ -14,9 +14,10 @@ COMMAND = (sys.executable, "-m", "experiments.diagnose")
 # Where the kernel can, a diagnosis ends with the process that waits for it, or one started anew would find its folder
 # in use.
 _LEASH = """
-import ctypes, os, sys
+import ctypes, os, signal, sys
+PR_SET_PDEATHSIG = 1
 if sys.platform == "linux":
-    ctypes.CDLL(None).prctl(1, 9)
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 os.execvp(sys.argv[1], sys.argv[1:])
 """
 
