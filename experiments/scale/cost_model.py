@@ -11,7 +11,7 @@ from experiments.scale.robots import Robots
 from mpge_jax.diagnosis import Config
 
 _C = Config()
-FULL = round((_C.train_windows + _C.held_windows) * _C.decide_s * Robots.rate)
+FULL = round((_C.train_windows + _C.choice_windows) * _C.decide_s * Robots.rate)
 """Rows that fill the windows of a search. Below, the search itself grows with the data, and the model says nothing."""
 
 
