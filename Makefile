@@ -25,7 +25,7 @@ SUPPORTED := import ensurepip, sys, venv; \
 CANDIDATES := $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python)
 
 .DEFAULT_GOAL := help
-.PHONY: help install cuda sweep inspect diagnose pretrain benchmark test test-slow matrix installed check format lock clean FORCE
+.PHONY: help install cuda sweep inspect diagnose fleet pretrain benchmark test test-slow matrix installed check format lock clean FORCE
 
 help: ## list the targets
 	@echo "mpge-jax. The first target that needs it installs everything into $(VENV) (Python 3.11 to 3.13)."
@@ -47,6 +47,9 @@ inspect: $(STAMP) ## look at a log before it is diagnosed: ARGS='LOG --model M.x
 
 diagnose: $(STAMP) ## name the mismatch in recordings: ARGS='--model M.xml --recordings DIR --out DIR'
 	$(PY) -m experiments.diagnose $(ARGS)
+
+fleet: $(STAMP) ## diagnose many robots of one model: ARGS='--model M.xml --robots DIR --out DIR'
+	$(PY) -m experiments.fleet $(ARGS)
 
 pretrain: $(STAMP) ## train the source policies that ship with the project anew
 	$(PY) -m experiments.pretrain $(ARGS)

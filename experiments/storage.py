@@ -81,7 +81,7 @@ class SweepFolder:
     """
 
     def __init__(self, path: Path, identity: dict[str, Any]):
-        self.path = path
+        self.path, self.identity = path, identity
         record = path / "sweep.json"
         if record.is_file():
             try:
@@ -104,9 +104,9 @@ class SweepFolder:
         """Where a cell keeps its files."""
         return self.path / "cells" / f"{method}-{samples}"
 
-    def is_done(self, method: str, samples: int) -> bool:
-        """Whether the cell has its result."""
-        return (self.cell(method, samples) / "result.json").is_file()
+    def result(self, method: str, samples: int) -> Path:
+        """The file that a finished cell has."""
+        return self.cell(method, samples) / "result.json"
 
     def save_cell(
         self,
@@ -134,7 +134,7 @@ class SweepFolder:
         if curve:
             files.write_npz(folder / "curve.npz", curve)
         policies.save(folder / "agents.npz", agents, {"rows": rows})
-        files.write_text(folder / "result.json", json.dumps(rows, indent=1))
+        files.write_text(self.result(method, samples), json.dumps(rows, indent=1))
         (folder / "error.json").unlink(missing_ok=True)
         for checkpoints in (folder / "grounding", folder / "agent", *folder.glob("seed_*")):
             shutil.rmtree(checkpoints, ignore_errors=True)
@@ -142,6 +142,10 @@ class SweepFolder:
     def save_error(self, method: str, samples: int, message: str) -> None:
         """Records why a cell failed."""
         files.write_text(self.cell(method, samples) / "error.json", json.dumps({"error": message}, indent=1))
+
+    def rows_of(self, method: str, samples: int) -> list[dict[str, Any]]:
+        """The results of a finished cell, one row a seed."""
+        return list(json.loads(self.result(method, samples).read_text()))
 
     def rows(self) -> list[dict[str, Any]]:
         """The results of all finished cells, one row a seed."""

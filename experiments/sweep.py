@@ -8,12 +8,11 @@ import difflib
 import pprint
 import sys
 import time
-import traceback
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -24,7 +23,7 @@ from mpge_jax import own_envs as own_envs  # isort: split
 import envs
 from envs import own_tasks
 from envs.variants import HIDDEN, PAPER
-from experiments import methods, report
+from experiments import methods, report, runners
 from experiments.methods import METHODS, Cell, LogFiles, logged
 from experiments.presets import PRESETS, Preset
 from experiments.storage import SweepFolder, plain
@@ -70,6 +69,24 @@ class Args:
         "mujoco"
     )
     quiet: Annotated[bool, tyro.conf.arg(help="no progress bars")] = False
+    options: Annotated[runners.Options, tyro.conf.arg(name="")] = field(default_factory=runners.Options)
+
+
+@dataclass(frozen=True)
+class CellJob:
+    """What a cell's job is given.
+
+    Attributes:
+      cell: what is asked.
+      folder: of the sweep.
+      identity: what all its cells share.
+      quiet: no progress bars.
+    """
+
+    cell: Cell
+    folder: Path
+    identity: dict[str, Any]
+    quiet: bool
 
 
 def _check(value: str, known: Sequence[str], option: str) -> str:
@@ -194,6 +211,7 @@ def sweep(args: Args) -> int:
             **({} if log is None else {"target_log": logged.fingerprint(log)}),
         }
     )
+    runners.check(args.options)
     folder = SweepFolder(out, identity)
     with files.held(out):
         return _run(args, cells, preset, folder)
@@ -214,35 +232,55 @@ def _run(args: Args, cells: list[Cell], preset: Preset, folder: SweepFolder) -> 
         for name, method in METHODS.items()
         if (config := methods.grounding_config(method, preset, source)) is not None
     }
+    # Bars of several processes would write over each other.
+    quiet = args.quiet or not args.options.in_this_process
+    by_name = {f"{cell.method}-{cell.samples}": cell for cell in cells}
+    # With its whole path, so that any process finds it.
+    whole = out.resolve()
+    jobs = [
+        runners.Job(
+            name, run_cell, CellJob(cell, whole, folder.identity, quiet), folder.result(*_key(cell)).resolve()
+        )
+        for name, cell in by_name.items()
+    ]
     failures: dict[str, str] = {}
-    for number, cell in enumerate(cells, 1):
+    for number, ended in enumerate(runners.run(jobs, args.options, out / "jobs"), 1):
+        cell = by_name[ended.name]
         label = f"[{number}/{len(cells)}] {cell.method}" + (
             f", {cell.samples} samples" if cell.samples else ""
         )
-        if folder.is_done(cell.method, cell.samples):
+        if ended.state == "before":
             console.print(f"{label}: done before", highlight=False)
             continue
-        started = time.monotonic()
-        try:
-            outcome = methods.run(cell, folder.cell(cell.method, cell.samples), args.quiet)
-        except Exception as error:
-            # Errors of XLA run over many lines; all of them are in the cell's error.json.
-            summary = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
-            failures[f"{cell.method}-{cell.samples}"] = summary
-            folder.save_error(cell.method, cell.samples, traceback.format_exc())
-            console.print(f"{label}: failed, {summary}", highlight=False, markup=False)
+        if ended.state == "failed":
+            # All lines of the error are in the cell's error.json.
+            failures[ended.name] = ended.reason
+            folder.save_error(*_key(cell), ended.details or ended.reason)
+            console.print(f"{label}: failed, {ended.reason}", highlight=False, markup=False)
             continue
-        seconds = time.monotonic() - started
-        spent = {"seconds": seconds, "grounding_seconds": outcome.grounding_seconds}
-        share = {name: round(value / len(outcome.rows), 1) for name, value in spent.items()}
-        rows = [{**row, **share} for row in outcome.rows]
-        folder.save_cell(cell.method, cell.samples, rows, outcome.curve, outcome.transformers, outcome.agents)
+        rows = folder.rows_of(*_key(cell))
+        seconds = 0.0 if ended.cost is None else ended.cost.seconds
         console.print(f"{label}: {report.in_short(rows)}, {seconds:.0f} s", highlight=False)
         write_report(folder, target, steps, failures)
     write_report(folder, target, steps, failures)
     Console().print(Markdown((out / "results.md").read_text()))
     console.print(f"tables and pictures: {out}", highlight=False)
     return len(failures)
+
+
+def _key(cell: Cell) -> tuple[str, int]:
+    return cell.method, cell.samples
+
+
+def run_cell(given: CellJob) -> None:
+    """Runs a cell and keeps what it gave; the work of a job."""
+    started = time.monotonic()
+    cell, folder = given.cell, SweepFolder(given.folder, given.identity)
+    outcome = methods.run(cell, folder.cell(*_key(cell)), given.quiet)
+    spent = {"seconds": time.monotonic() - started, "grounding_seconds": outcome.grounding_seconds}
+    share = {name: round(value / len(outcome.rows), 1) for name, value in spent.items()}
+    rows = [{**row, **share} for row in outcome.rows]
+    folder.save_cell(*_key(cell), rows, outcome.curve, outcome.transformers, outcome.agents)
 
 
 def write_report(folder: SweepFolder, task: str, steps: dict[str, int], failures: dict[str, str]) -> None:
@@ -258,8 +296,8 @@ def write_report(folder: SweepFolder, task: str, steps: dict[str, int], failures
 
 def main() -> int:
     """The command; returns its exit status."""
-    args = tyro.cli(Args, prog="python -m experiments.sweep", description=Args.__doc__)
     try:
+        args = tyro.cli(Args, prog="python -m experiments.sweep", description=Args.__doc__)
         return 1 if sweep(args) else 0
     except (ValueError, FileNotFoundError) as error:
         print(f"sweep: {error}", file=sys.stderr)

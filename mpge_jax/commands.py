@@ -7,7 +7,8 @@ from functools import partial
 from pathlib import Path
 
 _HOME = Path(__file__).resolve().parents[1]
-_WITHOUT_ENVS = ("diagnose", "inspect")
+_WITHOUT_ENVS = ("diagnose", "fleet", "inspect")
+_PACKAGES = ("fleet",)
 
 
 def stranger(package: str) -> Path | None:
@@ -31,11 +32,11 @@ def start(command: str) -> int:
                 file=sys.stderr,
             )
             return 2
-    module = importlib.import_module(f"experiments.{command}")
+    module = importlib.import_module(f"experiments.{command}" + ".__main__" * (command in _PACKAGES))
     return int(module.command() if hasattr(module, "command") else module.main())
 
 
-diagnose, inspect, new, pretrain, sweep = (
-    partial(start, name) for name in ("diagnose", "inspect", "new", "pretrain", "sweep")
+diagnose, fleet, inspect, new, pretrain, sweep = (
+    partial(start, name) for name in ("diagnose", "fleet", "inspect", "new", "pretrain", "sweep")
 )
 benchmark = partial(start, "benchmark")

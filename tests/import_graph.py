@@ -22,10 +22,10 @@ ROOMS = (
     f"{D}.evidence", f"{D}.selection", f"{D}.measurement", f"{D}.drives", f"{D}.force_balance",
     f"{D}.residual", f"{D}.verdict",
     "mpge_jax.task_files", f"{D}.corrected", f"{D}.report", f"{D}.inspection", f"{D}.diagnosis", f"{D}.pipeline", D,
-    "mpge_jax.recorded", "mpge_jax",
+    "mpge_jax.recorded", "mpge_jax", "experiments.runners",
     f"{B}.vocabulary", f"{B}.robots", f"{B}.truth", f"{B}.visibility", f"{B}.draws", f"{B}.case", f"{B}.build",
     f"{B}.run", f"{B}.scoring", B,
-    "experiments",
+    "experiments.fleet", "experiments", "experiments.scale",
 )  # fmt: skip
 """Packages, and modules beside packages, from the lowest to the highest: each may import those before it. A package
 that stands behind its own parts holds what is left of it: the names that it gives to others."""

@@ -13,6 +13,7 @@ import tyro
 import envs
 from envs import registry
 from experiments import benchmark, diagnose, inspect, new, pretrain, results, sweep
+from experiments.fleet import __main__ as fleet
 from experiments.methods import METHODS
 from experiments.presets import PRESETS
 from mpge_jax.diagnosis import Config
@@ -87,6 +88,7 @@ def test_the_commands_are_understood() -> None:
         (benchmark, "benchmark"),
         (results, "results"),
         (pretrain, "pretrain"),
+        (fleet, "fleet"),
         (new, "new"),
     ):
         for arguments in commands(f"experiments.{tool}"):

@@ -28,6 +28,7 @@ from experiments.blind.build import build
 from experiments.blind.case import Unfit
 from experiments.blind.run import run_all
 from experiments.blind.scoring.score import put_into, write_score
+from experiments.runners import Options
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,8 @@ class Run:
     """Seconds after which a case is given up."""
     retry_failed: bool = False
     """Run cases again that ended with an error."""
+    options: Annotated[Options, tyro.conf.arg(name="")] = field(default_factory=Options)
+    """Times of cases that ran beside others are those of a busy machine."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,6 @@ Command = (
 
 def main(args: list[str] | None = None) -> int:
     """The command line; returns the exit status."""
-    command = tyro.cli(Command, args=args, description=__doc__)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -92,6 +94,7 @@ def main(args: list[str] | None = None) -> int:
         TimeRemainingColumn(),
     )
     try:
+        command = tyro.cli(Command, args=args, description=__doc__)
         if isinstance(command, Score):
             text = write_score(command.answers, command.runs, command.out, command.alone)
             if command.page is not None:
@@ -117,6 +120,7 @@ def main(args: list[str] | None = None) -> int:
                     timeout=command.timeout,
                     retry_failed=command.retry_failed,
                     progress=progress,
+                    options=command.options,
                 )
         return 0
     except (ValueError, FileNotFoundError, Unfit) as problem:

@@ -5,31 +5,62 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+from experiments import runners
+
 COMMAND = (sys.executable, "-m", "experiments.diagnose")
+# Where the kernel can, a diagnosis ends with the process that waits for it, or one started anew would find its folder
+# in use.
+_LEASH = """
+import ctypes, os, signal, sys
+PR_SET_PDEATHSIG = 1
+if sys.platform == "linux":
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+os.execvp(sys.argv[1], sys.argv[1:])
+"""
 
 
-def run_case(
-    case: Path, out: Path, jobs: int, seed: int, timeout: float, command: Sequence[str] = COMMAND
-) -> dict[str, object]:
-    """One case; returns {"status", "seconds", "stderr"} (status is None after `timeout` seconds)."""
-    out.mkdir(parents=True, exist_ok=True)
-    arguments = ["--model", case / "model.xml", "--recordings", case / "recordings", "--out", out / "report"]
-    arguments += ["--seed", seed, "--jobs", jobs, "--quiet"]
+@dataclass(frozen=True)
+class CaseJob:
+    """What the job of a case is given: folders, and what the diagnosis is told; `timeout` in seconds."""
+
+    case: Path
+    out: Path
+    jobs: int
+    seed: int
+    timeout: float
+    command: tuple[str, ...]
+
+    @property
+    def note(self) -> Path:
+        """The file that is written last."""
+        return self.out / "run.json"
+
+
+def run_case(given: CaseJob) -> None:
+    """One case; writes {"status", "seconds", "stderr"} (status is None after `timeout` seconds)."""
+    given.out.mkdir(parents=True, exist_ok=True)
+    arguments = ["--model", given.case / "model.xml", "--recordings", given.case / "recordings"]
+    arguments += ["--out", given.out / "report", "--seed", given.seed, "--jobs", given.jobs, "--quiet"]
     begin = time.monotonic()
+    status: int | None
     try:
         done = subprocess.run(
-            [*command, *map(str, arguments)],
+            [sys.executable, "-S", "-c", _LEASH, *given.command, *map(str, arguments)],
             capture_output=True,
             text=True,
-            timeout=timeout,
+            timeout=given.timeout,
             errors="replace",
         )
         status, stderr = done.returncode, done.stderr
     except subprocess.TimeoutExpired:
-        status, stderr = None, f"gave up after {timeout:.0f} s"
-    return {"status": status, "seconds": round(time.monotonic() - begin, 2), "stderr": stderr[-2000:]}
+        status, stderr = None, f"gave up after {given.timeout:.0f} s"
+    result = {"status": status, "seconds": round(time.monotonic() - begin, 2), "stderr": stderr[-2000:]}
+    partial = given.note.with_suffix(".partial")
+    partial.write_text(json.dumps(result, indent=1))
+    partial.rename(given.note)
 
 
 def run_all(
@@ -42,11 +73,13 @@ def run_all(
     retry_failed: bool = False,
     progress: Callable[[int, int], None] | None = None,
     command: Sequence[str] = COMMAND,
+    options: runners.Options | None = None,
 ) -> None:
-    """Run all cases one after another (times are those of a machine that does nothing else).
+    """Run all cases, one after another where `options` say nothing else (times are then those of a machine that does
+    nothing else).
 
     Each case leaves OUT/<case>/run.json and OUT/<case>/report/. Raises FileNotFoundError when there are no cases and
-    ValueError for names that do not exist.
+    ValueError for names that do not exist, or a runner that is not installed.
     """
     names = sorted(p.parent.name for p in cases.glob("*/model.xml"))
     if not names:
@@ -54,14 +87,19 @@ def run_all(
     unknown = sorted(set(only) - set(names))
     if unknown:
         raise ValueError(f"no such case: {', '.join(unknown)}")
+    options = options or runners.Options()
+    runners.check(options)
+    # Whole paths, so that any process finds them.
+    cases, out = cases.resolve(), out.resolve()
     wanted = [name for name in names if not only or name in only]
-    for number, name in enumerate(wanted):
-        note = out / name / "run.json"
-        finished = note.exists() and (not retry_failed or json.loads(note.read_text())["status"] == 0)
-        if not finished:
-            result = run_case(cases / name, out / name, jobs, seed, timeout, command)
-            partial = note.with_suffix(".partial")
-            partial.write_text(json.dumps(result, indent=1))
-            partial.rename(note)
+    given = [CaseJob(cases / n, out / n, jobs, seed, timeout, tuple(command)) for n in wanted]
+    if retry_failed:
+        for each in given:
+            if each.note.exists() and json.loads(each.note.read_text())["status"] != 0:
+                each.note.unlink()
+    work = [runners.Job(each.out.name, run_case, each, each.note) for each in given]
+    for number, ended in enumerate(runners.run(work, options, out / "jobs"), 1):
+        if ended.state == "failed":
+            print(f"{ended.name}: {ended.reason}", file=sys.stderr)
         if progress is not None:
-            progress(number + 1, len(wanted))
+            progress(number, len(wanted))

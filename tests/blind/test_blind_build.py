@@ -2,7 +2,9 @@
 
 import ast
 import json
+import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from experiments.blind.truth.excitation import KINDS, reference
 from experiments.blind.truth.physics import INSTALL, UNKNOWN
 from experiments.blind.truth.sensors import Sensors, draw_sensors
 from experiments.blind.vocabulary import PARAMETERS
+from experiments.runners import Options
 
 SOURCES = sorted(Path(package.__file__).parent.rglob("*.py"))
 
@@ -200,7 +203,39 @@ def test_run_is_resumable_and_keeps_errors(tmp_path):
     assert json.loads((tmp_path / "runs" / "case_bad" / "run.json").read_text())["status"] == 1
     run_all(**arguments, retry_failed=True)
     assert json.loads((tmp_path / "runs" / "case_bad" / "run.json").read_text())["status"] == 3
+    several = {**arguments, "out": tmp_path / "several", "options": Options(workers=2)}
+    run_all(**several)
+    notes = [json.loads(path.read_text()) for path in sorted((tmp_path / "several").glob("*/run.json"))]
+    assert [note["status"] for note in notes] == [3, 3]
     with pytest.raises(FileNotFoundError):
         run_all(tmp_path / "none", tmp_path / "runs")
     with pytest.raises(ValueError, match="no such case"):
         run_all(**arguments, only=("case_9",))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with the one that started it")
+def test_a_diagnosis_ends_with_the_process_that_waits_for_it(tmp_path):
+    script, note = tmp_path / "fake.py", tmp_path / "pid"
+    script.write_text(
+        f"import os, time\nopen({str(note)!r}, 'w').write(f'{{os.getpid()}}.')\ntime.sleep(60)\n"
+    )
+    code = f"""
+from pathlib import Path
+from experiments.blind.run import CaseJob, run_case
+folder = Path({str(tmp_path)!r})
+run_case(CaseJob(folder, folder / "out", 1, 0, 60.0, ({sys.executable!r}, {str(script)!r})))
+"""
+    waiting = subprocess.Popen([sys.executable, "-c", code])
+    while not (note.exists() and note.read_text().endswith(".")):
+        assert waiting.poll() is None
+        time.sleep(0.05)
+    waiting.kill()
+    waiting.wait()
+    process = Path("/proc") / note.read_text()[:-1] / "stat"
+    for _ in range(400):
+        if not process.exists() or process.read_text().rpartition(")")[2].split()[0] == "Z":
+            break
+        time.sleep(0.05)
+    else:
+        pytest.fail("the diagnosis goes on alone")
+    assert not (tmp_path / "out" / "run.json").exists()
