@@ -9,7 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss
-from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, proposals
+from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, promise, proposals
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.near import Near
@@ -110,13 +110,13 @@ def _quick_fits(
         p.jacobian = jacobian
         if p.params:
             steps_to = proposals(p, ctx)
-            promise = min((_promise(p, t, w, white) for t in steps_to), default=np.inf)
-            promised.setdefault(term, []).append((promise, index, steps_to))
+            hope = min((promise(p, t, w, white) for t in steps_to), default=np.inf)
+            promised.setdefault(term, []).append((hope, index, steps_to))
         p.jacobian = np.zeros((0, 0))
     trials: list[tuple[int, Array]] = []
     for term, entries in promised.items():
-        for promise, index, steps_to in sorted(entries, key=lambda e: e[0])[:STARTS]:
-            if term.effect.jagged or promise < before - PROMISING * min(before, 3.0):
+        for hope, index, steps_to in sorted(entries, key=lambda e: e[0])[:STARTS]:
+            if term.effect.jagged or hope < before - PROMISING * min(before, 3.0):
                 further = [x for t in steps_to[:1] for x in beyond(problems[index][1], t, ctx)]
                 trials += [(index, t) for t in [*steps_to, *further]]
     outcome = _whitened(near, [Run(problems[i][1].fit.hypothesis, t) for i, t in trials], white)
@@ -190,13 +190,6 @@ def _simulate(problems: list[Problem], near: Near, white: Whitener) -> None:
     for p, r in zip(problems, flat, strict=True):
         x = white.excess(r)
         p.whitened, p.fit = r, replace(p.fit, x=x, loss=float(robust_loss(x).mean()))
-
-
-def _promise(p: Problem, theta: Array, w: Windows, white: Whitener) -> float:
-    """The loss at `theta` if the prediction were linear."""
-    moved = p.whitened + np.tensordot((theta - p.fit.theta).astype(np.float32), p.jacobian, 1)
-    loss = float(robust_loss(white.excess(moved)).mean())
-    return loss + prior_loss(p.params, theta, p.fit.centre, w.count)
 
 
 def _whitened(near: Near, runs: list[Run], white: Whitener) -> Array:
