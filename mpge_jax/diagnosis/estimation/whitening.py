@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.machine.joint_space import _parts
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
-from mpge_jax.diagnosis.simulation.near import changed, changes
+from mpge_jax.diagnosis.simulation.near import changes
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
@@ -190,16 +190,17 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
     timestep does. OLDER: servos' forces that act late do so by a tenth more.
     """
     run, kind = [Run(hypothesis, theta)], mujoco.mjtIntegrator
-    plain = sim.residuals(run, w)[0]
+    plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(w.dt / 8)))
     steps = sim.model.opt.integrator
     runge_kutta, euler = steps == kind.mjINT_RK4, steps == kind.mjINT_EULER
     out = {STEP: in_finer_steps(sim, run, w, 4 if runge_kutta else 2)[0] - plain}
     if not runge_kutta:
         with sim.integrator(kind.mjINT_IMPLICITFAST if euler else kind.mjINT_EULER):
             out[INTEGRATOR] = sim.residuals(run, w)[0] - plain
-    out[LATE] = changed(sim, run[0], w, lambda x: x.later(w.dt / 8))
-    if w.aged:
-        out[OLDER] = changed(sim, run[0], w, lambda x: x.older(1.1))
+    out[LATE] = late - plain
+    older = w.older(1.1)
+    if older is not None:
+        out[OLDER] = sim.residuals(run, older)[0] - plain
     return out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -112,22 +112,15 @@ class Simulator:
         fourfold = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         return bool(fourfold or self.stride > 1) and w.steps >= MANY_STEPS
 
-    def cheaply(
-        self, runs: list[Run], w: Windows, other: Callable[[Windows], Windows] | None = None
-    ) -> Array:
+    def cheaply(self, runs: list[Run], w: Windows) -> Array:
         """As `residuals`, in larger steps, and semi-implicit ones for those that evaluate the dynamics four times:
-        differences between runs are told far better than runs.
-
-        Args:
-            other: what is made of the windows before they are simulated.
-        """
+        differences between runs are told far better than runs."""
         own = self.model.opt.integrator
         fourfold = own == mujoco.mjtIntegrator.mjINT_RK4
         if self._larger is None or self._larger[0] is not w or self._larger[1] != self.stride:
             self._larger = w, self.stride, w if self.stride == 1 else w.in_larger_steps(self.stride)
-        larger = self._larger[2]
         with self.integrator(mujoco.mjtIntegrator.mjINT_EULER if fourfold else own):
-            return self.residuals(runs, larger if other is None else other(larger))
+            return self.residuals(runs, self._larger[2])
 
     def rugged(self, hypothesis: Hypothesis) -> bool:
         """Whether things strike each other, inside the drives or out, which makes losses rugged."""

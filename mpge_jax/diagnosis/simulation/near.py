@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,10 +41,3 @@ def changes(sim: Simulator, runs: list[Run], w: Windows) -> Array:
     """What each run but the first changes of its residuals, [R - 1, W, N, 2 nv]: in cheaper steps where these tell."""
     res = sim.cheaply(runs, w) if sim.costly(w) else sim.residuals(runs, w)
     return res[1:] - res[0]
-
-
-def changed(sim: Simulator, run: Run, w: Windows, other: Callable[[Windows], Windows]) -> Array:
-    """What it changes of a run's residuals [W, N, 2 nv] that windows become `other` ones: told likewise."""
-    if sim.costly(w):
-        return (sim.cheaply([run], w, other) - sim.cheaply([run], w))[0]
-    return (sim.residuals([run], other(w)) - sim.residuals([run], w))[0]

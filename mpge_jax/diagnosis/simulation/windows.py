@@ -108,13 +108,10 @@ class Windows:
         grid = self.dt * np.arange(-self.history, self.steps + 1) - seconds
         return replace(self, command=self._commands(grid))
 
-    @property
-    def aged(self) -> bool:
-        """Whether servos' forces act late."""
-        return any(s.age.any() for s in self.sources)
-
-    def older(self, factor: float) -> Windows:
-        """The same windows with servos' forces `factor` times as old."""
+    def older(self, factor: float) -> Windows | None:
+        """The same windows with servos' forces `factor` times as old; None where none has an age."""
+        if not any(s.age.any() for s in self.sources):
+            return None
         return self.driven_by(tuple(s.older(factor) for s in self.sources))
 
     def driven_by(self, sources: tuple[Source, ...]) -> Windows:

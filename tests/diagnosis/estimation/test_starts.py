@@ -24,6 +24,7 @@ from mpge_jax.diagnosis.selection import criteria
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import MANY_STEPS, Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.scales import _beside_contacts
 from mpge_jax.diagnosis.simulation.windows import cut
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, excitation, record
@@ -72,6 +73,7 @@ def test_a_motor_behind_a_spring_starts_as_the_recording_left_it(elastic, monkey
     assert _loss(elastic, f) < 1.3
     # at rest in the torque of the moment, as one that was never recorded must be believed to be
     monkeypatch.setattr(JointFlexibility, "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
+    monkeypatch.setattr(elastic.sim, "known", Remembered())
     assert _loss(elastic, f) > 3.0
 
 
@@ -87,6 +89,7 @@ def test_a_moved_start_moves_the_motion_before_it(elastic, monkeypatch):
 
     followed = columns()
     monkeypatch.setattr(JointFlexibility, "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
+    monkeypatch.setattr(elastic.sim, "known", Remembered())
     # also at a recording's first row, where there is nothing to follow, and shortly after it
     np.testing.assert_allclose(followed, columns(), rtol=0.15)
 
@@ -95,7 +98,8 @@ def test_what_a_run_predicts_does_not_depend_on_its_company(elastic):
     h = Hypothesis.of(Term("joint_flexibility", HINGE))
     quick, slow = (Run(h, np.array([8.0, d])) for d in (0.2, 0.02))
     alone, together = (
-        elastic.sim.residuals(runs, elastic.train)[0] for runs in ([quick], [slow, quick][::-1])
+        dataclasses.replace(elastic.sim, known=Remembered()).residuals(runs, elastic.train)[0]
+        for runs in ([quick], [quick, slow])
     )
     np.testing.assert_array_equal(alone, together)
 
@@ -262,6 +266,7 @@ def test_a_gap_is_crossed_before_a_window_starts(elastic):
     followed = elastic.sim.residuals([Run(h, theta)], w)[0]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(type(backlash), "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
+        patch.setattr(elastic.sim, "known", Remembered())
         static = elastic.sim.residuals([Run(h, theta)], w)[0]
     change = np.nanmax(np.abs(followed - static)[..., 0], axis=1)
     # nothing came before a recording's first row

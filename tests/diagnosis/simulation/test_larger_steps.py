@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.whitening import start_runs
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.larger_steps import stride
-from mpge_jax.diagnosis.simulation.near import Near, changed, changes
+from mpge_jax.diagnosis.simulation.near import Near, changes
 from mpge_jax.diagnosis.simulation.windows import Windows
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, record
 from tests.diagnosis.searches import DAMPING, fitted, prepared_of, search_of
@@ -117,12 +117,3 @@ def test_smooth_sensitivities_are_alike_in_larger_steps():
     seen = np.isfinite(own)
     for k in range(len(own)):
         assert np.abs((told - own)[k][seen[k]]).max() < 0.05 * np.abs(own[k][seen[k]]).max()
-
-
-def test_late_commands_are_late_in_larger_steps_too():
-    s, _ = search_of(PENDULUM, record(PENDULUM, 0.8))
-    w, run = s.train, Run(Hypothesis(), np.zeros(0))
-    told = changed(s.sim, run, w, lambda x: x.later(w.dt / 2))
-    own = s.sim.residuals([run], w.later(w.dt / 2))[0] - s.sim.residuals([run], w)[0]
-    seen = np.isfinite(own)
-    assert np.abs(told - own)[seen].max() < 0.1 * np.abs(own[seen]).max()
