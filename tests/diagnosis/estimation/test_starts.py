@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from mpge_jax.diagnosis import Recording
 from mpge_jax.diagnosis.corrected import CorrectedModel
+from mpge_jax.diagnosis.effects.angle import waves
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.drive import JointFlexibility
@@ -196,6 +197,19 @@ def test_what_contacts_could_be_is_no_missing_force():
         toward = jac.T @ np.array([0.0, 0.0, 1.0])
         np.testing.assert_allclose(free @ toward, 0.0, atol=1e-9)
         np.testing.assert_allclose(free @ free, free, atol=1e-9)
+
+
+def test_sinusoids_are_those_of_least_squares():
+    rng = np.random.default_rng(0)
+    q, v, weight = rng.uniform(-1, 2, 200), rng.standard_normal(200), rng.uniform(0.3, 1, 200)
+    plain = np.stack([np.ones_like(q), q, v, np.sign(v)], 1) * weight[:, None]
+    r = weight * (0.3 * np.sin(7.0 * q) - 0.1 * np.cos(7.0 * q) + 0.5 * q - 0.2 * np.sign(v))
+    r += 0.01 * rng.standard_normal(200)
+    for left, (a, b, n) in waves(np.array([3.0, 7.0]), q, plain, weight, r):
+        x = np.concatenate([np.stack([np.sin(n * q), np.cos(n * q)], 1) * weight[:, None], plain], 1)
+        expected = np.linalg.lstsq(x, r, rcond=None)[0]
+        np.testing.assert_allclose([a, b], expected[:2], rtol=1e-6)
+        assert left == pytest.approx(((r - x @ expected) ** 2).sum(), rel=1e-6)
 
 
 def test_cogs_are_guessed_from_the_missing_torque():
