@@ -36,6 +36,8 @@ NEARER = 0.1
 """How much nearer to nothing a start is taken that is worse than nothing."""
 NEARER_TIMES = 2
 """How often that is done where there are contacts: through impacts only slight changes can be followed."""
+LEADING = 3
+"""Starting values of one term whose slopes are simulated: those that explain most by themselves."""
 STARTS = 2
 """Starting values of one term from which steps are simulated: those that promise most."""
 
@@ -43,8 +45,8 @@ STARTS = 2
 def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: Whitener) -> list[Fitted]:
     """Best quick fit of `base` plus each term, lowest loss first.
 
-    Every start of every term is linearised once, with the base's parameters free, and two step lengths are
-    simulated where the linear model promises anything. The base's own Jacobian is shared by all. Elaborate laws of
+    Every start of every term is simulated, the best ones are linearised once, with the base's parameters free, and two
+    step lengths are simulated where the linear model promises anything. The base's own Jacobian is shared by all. Elaborate laws of
     friction, and second forms of plain ones, are tried where a plain one helps.
     """
     near = Near.to(sim, Run(base.hypothesis, base.theta), w)
@@ -145,7 +147,7 @@ def _starting_points(
     before: float,
     dry: dict[Place, float],
 ) -> list[tuple[Term, Problem]]:
-    """Every start of every term, simulated, at the torque of plain dry friction (`dry`) if that is known.
+    """The best starts of every term, simulated, at the torque of plain dry friction (`dry`) if that is known.
 
     A start that is worse than nothing, as its scale was guessed too large, gives way to one nearer to where the
     effect vanishes if that is better.
@@ -174,7 +176,16 @@ def _starting_points(
         for p, q in smaller:
             if q.fit.loss < p.fit.loss:
                 p.fit, p.whitened = q.fit, q.whitened
-    return problems
+    return _leading(problems)
+
+
+def _leading(problems: list[tuple[Term, Problem]]) -> list[tuple[Term, Problem]]:
+    """The best few starts of each term, in their order."""
+    ranked: dict[Term, list[float]] = {}
+    for term, p in problems:
+        ranked.setdefault(term, []).append(p.fit.loss)
+    worst = {term: sorted(losses)[:LEADING][-1] for term, losses in ranked.items()}
+    return [(term, p) for term, p in problems if p.fit.loss <= worst[term]]
 
 
 def at_torque(starts: Array, term: Term, ctx: Context, dry: float) -> Array:

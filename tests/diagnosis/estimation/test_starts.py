@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.effects.drive import JointFlexibility
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, proposals
-from mpge_jax.diagnosis.estimation.screening import screen
+from mpge_jax.diagnosis.estimation.screening import _leading, screen
 from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.selection import criteria
@@ -29,7 +29,7 @@ from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.scales import _beside_contacts
 from mpge_jax.diagnosis.simulation.windows import cut
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, excitation, record
-from tests.diagnosis.searches import search_of
+from tests.diagnosis.searches import COULOMB, DAMPING, search_of
 
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
 FLEXIBLE = {"stiffness": 8.0, "damping": 0.02}
@@ -197,6 +197,13 @@ def test_what_contacts_could_be_is_no_missing_force():
         toward = jac.T @ np.array([0.0, 0.0, 1.0])
         np.testing.assert_allclose(free @ toward, 0.0, atol=1e-9)
         np.testing.assert_allclose(free @ free, free, atol=1e-9)
+
+
+def test_slopes_are_simulated_where_the_best_starts_are():
+    h, losses = Hypothesis.of(DAMPING), [3.0, 1.0, 5.0, 2.0, 4.0]
+    problems = [(DAMPING, Problem(Fitted(h, np.zeros(1), np.zeros(1), loss), [])) for loss in losses]
+    other = [(COULOMB, Problem(Fitted(h, np.zeros(1), np.zeros(1), 9.0), []))]
+    assert [p.fit.loss for _, p in _leading(other + problems)] == [9.0, 3.0, 1.0, 2.0]
 
 
 def test_sinusoids_are_those_of_least_squares():
