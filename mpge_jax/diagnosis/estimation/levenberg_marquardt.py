@@ -123,7 +123,8 @@ def _better(
     sim: Simulator, trials: list[tuple[Problem, Array]], w: Windows, white: Whitener
 ) -> dict[int, tuple[Fitted, Array]]:
     """By a problem's `id`, the best of its trials, with its whitened residuals [W, M], where it is better."""
-    runs, out = [Run(p.fit.hypothesis, t) for p, t in trials], {}
+    runs = [Run(p.fit.hypothesis, t) for p, t in trials]
+    out: dict[int, tuple[Fitted, Array]] = {}
     told = sim.cheaply if sim.costly(w) else sim.residuals
     for (p, t), r in zip(trials, told(runs, w), strict=True):
         flat = white(r + p.offset if p.offset.size else r)
@@ -156,7 +157,7 @@ def _verify(sim: Simulator, problems: list[Problem], w: Windows, white: Whitener
         exact = sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in problems], w)
         for p, r in zip(problems, exact, strict=True):
             found = _judged(p, p.fit.theta, white(r), w, white)
-            if p.exact.size and found.loss >= p.verified.loss:
+            if p.verified is not None and found.loss >= p.verified.loss:
                 p.fit = p.verified
                 continue
             p.done = p.done and abs(found.loss - p.fit.loss) < tolerance * max(found.loss, LEAST)

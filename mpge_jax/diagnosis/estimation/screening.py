@@ -46,8 +46,8 @@ def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: W
     """Best quick fit of `base` plus each term, lowest loss first.
 
     Every start of every term is simulated, the best ones are linearised once, with the base's parameters free, and two
-    step lengths are simulated where the linear model promises anything. The base's own Jacobian is shared by all. Elaborate laws of
-    friction, and second forms of plain ones, are tried where a plain one helps.
+    step lengths are simulated where the linear model promises anything. The base's own Jacobian is shared by all.
+    Elaborate laws of friction, and second forms of plain ones, are tried where a plain one helps.
     """
     near = Near.to(sim, Run(base.hypothesis, base.theta), w)
     own = _base_jacobian(near, base, white)
