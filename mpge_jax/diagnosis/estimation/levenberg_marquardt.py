@@ -197,7 +197,7 @@ def _linearise(sim: Simulator, problems: list[Problem], w: Windows, white: White
 def gauss_newton_shift(sim: Simulator, f: Fitted, w: Windows, white: Whitener, moved: Array) -> Array:
     """Change of theta [p] when the whitened residuals [W, M] at `f` become `moved`, to first order."""
     p = Problem(f, f.hypothesis.params(sim.ctx))
-    _linearise(sim, [p], w, white)
+    _verify(sim, [p], w, white, 0.0)
     weight = 1.0 / (1.0 + p.fit.x / 5.0)
     j = p.jacobian
     h = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)

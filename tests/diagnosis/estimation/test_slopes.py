@@ -8,9 +8,9 @@ import pytest
 
 from mpge_jax.diagnosis.effects.context import Param
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import _move, fit
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import _move, fit, gauss_newton_shift
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem
-from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
+from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from tests.diagnosis.machines import PENDULUM, record
 from tests.diagnosis.searches import COULOMB, DAMPING, fitted, search_of
 
@@ -85,3 +85,16 @@ def test_secants_lead_where_slopes_do(rubbing, monkeypatch):
     deviation = np.sqrt(np.diag(ends[1].cov))
     assert (np.abs(ends[0].theta - ends[1].theta) < 0.1 * deviation).all()
     assert counts[0] < 0.7 * counts[1]
+
+
+def test_a_shift_of_residuals_is_told_in_parameters(rubbing):
+    """Residuals as they are at other parameters: those are where it leads, to first order."""
+    s = rubbing
+    here, there = (fitted(s, {DAMPING: [x]}) for x in (0.02, 0.021))
+    assert s.sim.costly(s.train)
+    white = s.whiten_one(here, s.train)
+    runs = [Run(f.hypothesis, f.theta) for f in (here, there)]
+    now, then = white(s.sim.residuals(runs, s.train))
+    # predictions that move so are made up for by the opposite change
+    shift = gauss_newton_shift(s.sim, here, s.train, white, 2 * now - then)
+    assert shift == pytest.approx([0.001], rel=0.05)
