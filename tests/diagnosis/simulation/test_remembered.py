@@ -43,7 +43,7 @@ def test_what_was_not_asked_for_longest_goes_first():
 @pytest.fixture(scope="module")
 def swinging():
     p = prepared_of(PENDULUM, record(PENDULUM, 0.8))
-    return p.sim, p.windows(False, p.config.decide_s, 6)
+    return p.sim, p.windows("train", p.config.decide_s, 6)
 
 
 def test_the_same_runs_of_the_same_windows_are_simulated_once(swinging, monkeypatch):
