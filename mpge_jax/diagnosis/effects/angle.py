@@ -13,8 +13,25 @@ from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 LEAST_FREE, FEWEST_ANGLES = 0.05, 50
 """Share of a joint's force that no contact could make instead, from which a sample tells about it, and how many such
 samples it takes."""
+AT_ONCE = 64
+"""Numbers of periods that are tried at once."""
 OUTLYING = 3.0
 """Medians of the missing torque beyond which a sample is wild (impacts)."""
+
+
+def waves(
+    periods: np.ndarray, q: np.ndarray, plain: np.ndarray, weight: np.ndarray, r: np.ndarray
+) -> list[tuple[float, list[float]]]:
+    """What is left of `r` [S] beside columns `plain` [S, k] and a sinusoid of q [S], and (a, b, n) of that, for each
+    number of periods."""
+    basis = np.linalg.svd(plain, full_matrices=False)[0]
+    angle = periods[:, None] * q
+    wave = np.stack([np.sin(angle), np.cos(angle)], 1) * weight
+    wave, rest = (x - (x @ basis) @ basis.T for x in (wave, r))
+    push = wave @ rest
+    best = (np.linalg.pinv(wave @ wave.swapaxes(1, 2), hermitian=True) @ push[..., None])[..., 0]
+    left = rest @ rest - (push * best).sum(1)
+    return [(float(x), [*ab, float(n)]) for x, ab, n in zip(left, best, periods, strict=True)]
 
 
 @register
@@ -91,13 +108,13 @@ class CoggingTorque(Effect):
         limit = OUTLYING * np.median(np.abs(r[moving] if moving.any() else r)) + 1e-12
         r = np.clip(r, -limit, limit)
         span = max(float(np.ptp(q)), 1e-2)
-        plain = np.stack([np.ones_like(q), q, v, np.sign(v)], 1)
-        tried = []
-        for n in np.arange(max(2.0, 3.0 / span), 80.0, min(0.5, 1.0 / span)):
-            wave = np.stack([np.sin(n * q), np.cos(n * q)], 1)
-            x = np.concatenate([wave, plain], 1) * weight[:, None]
-            coefficients = np.linalg.lstsq(x, r, rcond=None)[0]
-            tried.append((float(((r - x @ coefficients) ** 2).sum()), [*coefficients[:2], n]))
+        plain = np.stack([np.ones_like(q), q, v, np.sign(v)], 1) * weight[:, None]
+        periods = np.arange(max(2.0, 3.0 / span), 80.0, min(0.5, 1.0 / span))
+        tried = [
+            entry
+            for n in np.array_split(periods, -(-periods.size // AT_ONCE))
+            for entry in waves(n, q, plain, weight, r)
+        ]
         picked: list[list[float]] = []
         for _, theta in sorted(tried, key=lambda entry: entry[0]):
             if len(picked) < 3 and all(abs(theta[2] - p[2]) > 3.0 / span for p in picked):

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Param
+from mpge_jax.diagnosis.estimation.covariance import finish
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss, prior_widths
-from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, proposals, without_slopes
+from mpge_jax.diagnosis.estimation.parameter_steps import (
+    Problem,
+    beyond,
+    promise,
+    proposals,
+    without_slopes,
+)
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -18,6 +24,10 @@ Array = np.ndarray
 LONGER, LONGEST = 10.0, 100.0
 """Growth, and the most of it, of the differences of which slopes are told in machines with contacts where no step along
 them is better: over short ones a single impact may hold them fast."""
+LEAST = 0.1
+"""Loss whose share is no gain where less is left."""
+NEGLIGIBLE = 0.02
+"""Share of what is no gain that is not worth a simulation."""
 
 
 def evaluate(sim: Simulator, fits: list[Fitted], w: Windows, white: Whitener) -> list[Fitted]:
@@ -41,76 +51,119 @@ def fit(
 ) -> list[Fitted]:
     """Fit every start; returns them in order, with losses, information and covariances on `w`.
 
+    Where cheaper steps show what a change does, a fit goes on by those until they promise no more; then the model's own
+    steps tell whether that is true. Where predictions are smooth, slopes are followed by secants, and simulated anew
+    where these lead nowhere and in the end.
+
     Args:
-        stride: length of finite differences, in usual ones.
+        tolerance: share of the loss (of a tenth at least) that is no gain. stride: length of finite differences, in
+            usual ones.
     """
-    ctx = sim.ctx
-    problems = [Problem(f, f.hypothesis.params(ctx), stride=stride) for f in starts]
-    _linearise(sim, problems, w, white)
+    problems = [Problem(f, f.hypothesis.params(sim.ctx), stride=stride) for f in starts]
+    _verify(sim, problems, w, white, tolerance)
     for _ in range(iterations):
         active = [p for p in problems if not p.done and p.params]
         if not active:
             break
-        trials: list[tuple[Problem, Array]] = []
-        for p in active:
-            steps = proposals(p, ctx)
-            steps += [x for t in steps[:1] for x in beyond(p, t, ctx)]
-            trials += [(p, t) for t in [*steps, *without_slopes(p, ctx)]]
-        best_of = {id(p): p.fit for p in active}
-        for (p, t), r in zip(trials, _near(sim, trials, w), strict=True):
-            found = _judged(p, t, r, w, white)
-            if found.loss < best_of[id(p)].loss:
-                best_of[id(p)] = found
-        promising = [p for p in active if best_of[id(p)] is not p.fit]
-        if sim.costly(w) and promising:
-            # what cheaper steps promise is kept if it is true
-            thetas = [best_of[id(p)].theta for p in promising]
-            res = sim.residuals([Run(p.fit.hypothesis, t) for p, t in zip(promising, thetas, strict=True)], w)
-            for p, t, r in zip(promising, thetas, res, strict=True):
-                found = _judged(p, t, r, w, white)
-                best_of[id(p)] = p.fit
-                if found.loss < p.fit.loss:
-                    best_of[id(p)], p.exact = found, r
-        improved = []
-        for p in active:
-            best, old = best_of[id(p)], p.fit.loss
-            if best is p.fit:
-                p.small += 1
-                p.done = p.small > 2
-                if ctx.contacts and not p.done:
-                    p.stride = min(LONGER * p.stride, LONGEST * stride)
-                    improved.append(p)
-                else:
-                    p.damping *= 30
-                continue
-            p.fit = best
-            p.damping = max(p.damping * 0.2, 1e-6)
-            p.small = p.small + 1 if old - best.loss < tolerance * max(best.loss, 0.1) else 0
-            p.done = p.small > 1
-            improved.append(p)
-        _linearise(sim, improved, w, white)
+        _advance(sim, active, w, white, tolerance, stride)
+        _verify(sim, [p for p in active if p.done], w, white, tolerance)
+    _verify(sim, [p for p in problems if not p.done], w, white, tolerance)
     longer = [p for p in problems if p.stride != stride]
     for p in longer:
         p.stride = stride
     _linearise(sim, longer, w, white)
-    return [_finish(p) for p in problems]
+    return [finish(p) for p in problems]
 
 
-def _near(sim: Simulator, trials: list[tuple[Problem, Array]], w: Windows) -> Iterator[Array]:
-    """Residuals [W, N, 2 nv] of each trial, told from the point where its problem stands."""
+def _advance(
+    sim: Simulator, active: list[Problem], w: Windows, white: Whitener, tolerance: float, stride: float
+) -> None:
+    """One step of every problem."""
+    ctx = sim.ctx
+    trials: list[tuple[Problem, Array]] = []
+    further: list[tuple[Problem, Array]] = []
+    for p in active:
+        steps, detours = proposals(p, ctx), without_slopes(p, ctx)
+        p.smooth = not ctx.contacts and not detours
+        if not p.smooth:
+            steps += [x for t in steps[:1] for x in beyond(p, t, ctx)]
+            trials += [(p, t) for t in [*steps, *detours]]
+            continue
+        promised = p.fit.loss - min((promise(p, t, w, white) for t in steps[:1]), default=p.fit.loss)
+        p.last = promised < tolerance * max(p.fit.loss, LEAST)
+        p.done = promised < NEGLIGIBLE * tolerance * max(p.fit.loss, LEAST)
+        if not p.done:
+            trials += [(p, t) for t in steps[:1]]
+            further += [(p, t) for t in steps[1:]]
+    better = _better(sim, trials, w, white)
+    better |= _better(sim, [(p, t) for p, t in further if id(p) not in better], w, white)
+    anew = []
+    for p in (p for p in active if not p.done):
+        if id(p) in better:
+            gain = p.fit.loss - better[id(p)][0].loss
+            p.damping = max(p.damping * 0.2, 1e-6)
+            p.small = p.small + 1 if gain < tolerance * max(p.fit.loss - gain, LEAST) else 0
+            p.done = p.last if p.smooth else p.small > 1
+            _move(p, *better[id(p)])
+            anew += [] if p.smooth else [p]
+        elif p.secant:
+            anew.append(p)
+        else:
+            p.small += 1
+            p.done = p.small > 2
+            if ctx.contacts and not p.done:
+                p.stride = min(LONGER * p.stride, LONGEST * stride)
+                anew.append(p)
+            else:
+                p.damping *= 30
+    _linearise(sim, anew, w, white)
+
+
+def _better(
+    sim: Simulator, trials: list[tuple[Problem, Array]], w: Windows, white: Whitener
+) -> dict[int, tuple[Fitted, Array]]:
+    """By a problem's `id`, the best of its trials, with its whitened residuals [W, M], where it is better."""
     runs = [Run(p.fit.hypothesis, t) for p, t in trials]
-    if not sim.costly(w):
-        yield from sim.residuals(runs, w)
-        return
-    for (p, _), r in zip(trials, sim.cheaply(runs, w), strict=True):
-        yield r + p.offset
+    out: dict[int, tuple[Fitted, Array]] = {}
+    told = sim.cheaply if sim.costly(w) else sim.residuals
+    for (p, t), r in zip(trials, told(runs, w), strict=True):
+        flat = white(r + p.offset if p.offset.size else r)
+        found = _judged(p, t, flat, w, white)
+        if found.loss < out.get(id(p), (p.fit,))[0].loss:
+            out[id(p)] = found, flat
+    return out
 
 
-def _judged(p: Problem, theta: Array, residual: Array, w: Windows, white: Whitener) -> Fitted:
-    """The problem's fit at other parameters, with its loss."""
-    x = white.excess(white(residual))
+def _judged(p: Problem, theta: Array, flat: Array, w: Windows, white: Whitener) -> Fitted:
+    """The problem's fit at other parameters, with its loss, from the whitened residuals there."""
+    x = white.excess(flat)
     loss = float(robust_loss(x).mean()) + prior_loss(p.params, theta, p.fit.centre, w.count)
     return replace(p.fit, theta=theta, loss=loss, x=x)
+
+
+def _move(p: Problem, to: Fitted, flat: Array) -> None:
+    """Go there; the slopes change as little as what was seen on the way demands (Broyden)."""
+    widths = prior_widths(p.params)
+    step = (to.theta - p.fit.theta) / widths
+    missed = flat - p.whitened - np.tensordot(step * widths, p.jacobian, 1)
+    p.jacobian = p.jacobian + (step / (step @ step) / widths)[:, None, None] * missed
+    p.fit, p.whitened, p.secant = to, flat, True
+
+
+def _verify(sim: Simulator, problems: list[Problem], w: Windows, white: Whitener, tolerance: float) -> None:
+    """Losses by the model's own steps, and slopes, where problems stand. Where cheaper steps led one astray, it goes
+    back to where that was done last; where they promised something else, it goes on."""
+    if sim.costly(w):
+        exact = sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in problems], w)
+        for p, r in zip(problems, exact, strict=True):
+            found = _judged(p, p.fit.theta, white(r), w, white)
+            if p.verified is not None and found.loss >= p.verified.loss:
+                p.fit = p.verified
+                continue
+            p.done = p.done and abs(found.loss - p.fit.loss) < tolerance * max(found.loss, LEAST)
+            p.fit = p.verified = found
+            p.exact = r
+    _linearise(sim, problems, w, white)
 
 
 def _linearise(sim: Simulator, problems: list[Problem], w: Windows, white: Whitener) -> None:
@@ -127,68 +180,24 @@ def _linearise(sim: Simulator, problems: list[Problem], w: Windows, white: White
             runs.append(Run(p.fit.hypothesis, theta))
     if not runs:
         return
-    if sim.costly(w):
-        unknown = [p for p in problems if not p.exact.size]
-        exact = sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in unknown], w)
-        for p, r in zip(unknown, exact, strict=True):
-            p.exact = r
-        res = sim.cheaply(runs, w)
-        for p, (first, steps) in zip(problems, layout, strict=True):
-            p.offset = p.exact - res[first]
-            res[first : first + 1 + steps.size] += p.offset
-    else:
-        res = sim.residuals(runs, w)
+    costly = sim.costly(w)
+    res = (sim.cheaply if costly else sim.residuals)(runs, w)
     for p, (first, steps) in zip(problems, layout, strict=True):
-        p.whitened = white(res[first])
-        moved = white(res[first + 1 : first + 1 + steps.size])
-        p.jacobian = (moved - p.whitened) / steps[:, None, None]
-        x = white.excess(p.whitened)
-        loss = float(robust_loss(x).mean()) + prior_loss(p.params, p.fit.theta, p.fit.centre, w.count)
-        p.fit = replace(p.fit, x=x, loss=loss)
-
-
-def _finish(p: Problem) -> Fitted:
-    """Information, and a covariance that is robust to misfit (clustered by window)."""
-    if not p.params or not p.jacobian.size:
-        return replace(p.fit, information=np.zeros((0, 0)), cov=np.zeros((0, 0)))
-    j, r = p.jacobian, p.whitened
-    weight = 1.0 / (1.0 + p.fit.x / 5.0)
-    info = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)
-    precision = info + np.diag(1.0 / prior_widths(p.params) ** 2)
-    scale = 1.0 / np.sqrt(np.diag(precision))
-    inverse = np.linalg.pinv(precision * scale[:, None] * scale[None, :], hermitian=True)
-    inverse = inverse * scale[:, None] * scale[None, :]
-    scores = np.einsum("w,pwm,wm->wp", weight, j, r, optimize=True)
-    parts = np.einsum("w,pwm,qwm->wpq", weight, j, j, optimize=True)
-    plain = inverse * max(1.0, float(np.mean(weight * p.fit.x) / np.mean(weight)))
-    # the larger of the two, direction by direction on the diagonal
-    left_out = _jackknife(precision, parts, scores, scale)
-    ratio = np.sqrt(np.maximum(left_out / np.maximum(np.diag(plain), 1e-300), 1.0))
-    return replace(p.fit, information=info, cov=plain * ratio[:, None] * ratio[None, :])
-
-
-def _jackknife(precision: Array, parts: Array, scores: Array, scale: Array) -> Array:
-    """Variances [p] by leaving out each window in turn: unlike the sandwich of the scores [W, p], they know that a
-    window which decides much (information `parts` [W, p, p]) pulls the fit towards itself.
-
-    Args:
-        scale: [p] deviations that make `precision` [p, p] a matrix of ones on the diagonal.
-    """
-    n = max(len(scores), 1)
-    values, vectors = np.linalg.eigh(precision * scale[:, None] * scale[None, :])
-    root = scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-12))
-    scores = scores - parts @ (root @ (root.T @ scores.sum(0)))
-    kept, axes = np.linalg.eigh(np.eye(len(scale)) - root.T @ parts @ root)
-    # where one window knows all but a thousandth, the others say no more than that
-    steps = np.einsum("wpk,wp->wk", axes, scores @ root) / np.maximum(kept, 1e-3)
-    moves = np.einsum("wpk,wk->wp", axes, steps) @ root.T
-    return (moves**2).sum(0) * (n - 1) / n
+        here = res[first : first + 1 + steps.size]
+        if costly:
+            if p.verified is p.fit:
+                p.offset = p.exact - here[0]
+            here = here + p.offset
+        flat = white(here)
+        p.whitened, p.secant = flat[0], False
+        p.jacobian = (flat[1:] - flat[0]) / steps[:, None, None]
+        p.fit = _judged(p, p.fit.theta, flat[0], w, white)
 
 
 def gauss_newton_shift(sim: Simulator, f: Fitted, w: Windows, white: Whitener, moved: Array) -> Array:
     """Change of theta [p] when the whitened residuals [W, M] at `f` become `moved`, to first order."""
     p = Problem(f, f.hypothesis.params(sim.ctx))
-    _linearise(sim, [p], w, white)
+    _verify(sim, [p], w, white, 0.0)
     weight = 1.0 / (1.0 + p.fit.x / 5.0)
     j = p.jacobian
     h = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context, Param
-from mpge_jax.diagnosis.estimation.estimate import Fitted, bounds, nothing, prior_widths
+from mpge_jax.diagnosis.estimation.estimate import Fitted, bounds, nothing, prior_loss, prior_widths
+from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
+from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
 FURTHER = (3.0, 8.0)
@@ -21,9 +23,12 @@ class Problem:
     """One hypothesis during the fit.
 
     Attributes:
-        exact: [W, N, 2 nv] residuals where cheaper steps stand for the model's own; empty where not known yet.
-        offset: [W, N, 2 nv] the same less those of the cheaper steps.
-        stride: length of finite differences, in usual ones.
+        fit: where it stands. whitened: [W, M] residuals there. jacobian: [p, W, M] slopes of those.
+        secant: whether these hold what was seen on the way here, and were not all simulated here.
+        verified: where the model's own steps told the residuals last, if cheaper ones stand for them. exact: [W, N,
+        2 nv] these residuals, empty where not known yet. offset: [W, N, 2 nv] the same less those of the cheaper steps.
+        stride: length of finite differences, in usual ones. smooth: whether slopes tell where to go.
+        small: steps without a gain. last: whether the step promises no further gain after it. done: whether it ended.
     """
 
     fit: Fitted
@@ -31,11 +36,15 @@ class Problem:
     damping: float = 1e-3
     whitened: Array = field(default_factory=nothing)
     jacobian: Array = field(default_factory=nothing)
+    secant: bool = False
+    verified: Fitted | None = None
     exact: Array = field(default_factory=nothing)
     offset: Array = field(default_factory=nothing)
     stride: float = 1.0
-    done: bool = False
+    smooth: bool = False
     small: int = 0
+    last: bool = False
+    done: bool = False
 
     def steps(self) -> Array:
         """Finite-difference steps [p] that stay inside the bounds."""
@@ -94,6 +103,13 @@ def _step(p: Problem, weight: Array, damping: float) -> Array:
             break
         free &= ~blocked
     return theta
+
+
+def promise(p: Problem, theta: Array, w: Windows, white: Whitener) -> float:
+    """The loss at `theta` if the prediction were linear."""
+    moved = p.whitened + np.tensordot((theta - p.fit.theta).astype(p.jacobian.dtype), p.jacobian, 1)
+    loss = float(robust_loss(white.excess(moved)).mean())
+    return loss + prior_loss(p.params, theta, p.fit.centre, w.count)
 
 
 def beyond(p: Problem, theta: Array, ctx: Context) -> list[Array]:

@@ -9,6 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.whitening import start_runs
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
+from mpge_jax.diagnosis.simulation.near import changes
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
@@ -47,8 +48,8 @@ def noise_floor(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> Array:
     independent: mean square over position columns."""
 
     nv = sim.model.nv
-    res = sim.residuals(start_runs(f.hypothesis, f.theta, w), w)[..., :nv]
-    seen = np.isfinite(res[0])
-    spread = np.where(seen, np.clip(res[1:] - res[0], -1e3, 1e3), 0.0)
+    moved = changes(sim, start_runs(f.hypothesis, f.theta, w), w)[..., :nv]
+    seen = np.isfinite(moved[0])
+    spread = np.where(seen, np.clip(moved, -1e3, 1e3), 0.0)
     variance = (spread**2).sum(0) + np.where(seen, scale[:nv] ** 2, 0.0)
     return np.where(seen, variance, 0.0).sum((1, 2)) / np.maximum(seen.sum((1, 2)), 1)

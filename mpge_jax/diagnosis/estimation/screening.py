@@ -9,7 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss
-from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, proposals
+from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, promise, proposals
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.near import Near
@@ -36,6 +36,8 @@ NEARER = 0.1
 """How much nearer to nothing a start is taken that is worse than nothing."""
 NEARER_TIMES = 2
 """How often that is done where there are contacts: through impacts only slight changes can be followed."""
+LEADING = 3
+"""Starting values of one term whose slopes are simulated: those that explain most by themselves."""
 STARTS = 2
 """Starting values of one term from which steps are simulated: those that promise most."""
 
@@ -43,9 +45,9 @@ STARTS = 2
 def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: Whitener) -> list[Fitted]:
     """Best quick fit of `base` plus each term, lowest loss first.
 
-    Every start of every term is linearised once, with the base's parameters free, and two step lengths are
-    simulated where the linear model promises anything. The base's own Jacobian is shared by all. Elaborate laws of
-    friction, and second forms of plain ones, are tried where a plain one helps.
+    Every start of every term is simulated, the best ones are linearised once, with the base's parameters free, and two
+    step lengths are simulated where the linear model promises anything. The base's own Jacobian is shared by all.
+    Elaborate laws of friction, and second forms of plain ones, are tried where a plain one helps.
     """
     near = Near.to(sim, Run(base.hypothesis, base.theta), w)
     own = _base_jacobian(near, base, white)
@@ -110,13 +112,13 @@ def _quick_fits(
         p.jacobian = jacobian
         if p.params:
             steps_to = proposals(p, ctx)
-            promise = min((_promise(p, t, w, white) for t in steps_to), default=np.inf)
-            promised.setdefault(term, []).append((promise, index, steps_to))
+            hope = min((promise(p, t, w, white) for t in steps_to), default=np.inf)
+            promised.setdefault(term, []).append((hope, index, steps_to))
         p.jacobian = np.zeros((0, 0))
     trials: list[tuple[int, Array]] = []
     for term, entries in promised.items():
-        for promise, index, steps_to in sorted(entries, key=lambda e: e[0])[:STARTS]:
-            if term.effect.jagged or promise < before - PROMISING * min(before, 3.0):
+        for hope, index, steps_to in sorted(entries, key=lambda e: e[0])[:STARTS]:
+            if term.effect.jagged or hope < before - PROMISING * min(before, 3.0):
                 further = [x for t in steps_to[:1] for x in beyond(problems[index][1], t, ctx)]
                 trials += [(index, t) for t in [*steps_to, *further]]
     outcome = _whitened(near, [Run(problems[i][1].fit.hypothesis, t) for i, t in trials], white)
@@ -145,7 +147,7 @@ def _starting_points(
     before: float,
     dry: dict[Place, float],
 ) -> list[tuple[Term, Problem]]:
-    """Every start of every term, simulated, at the torque of plain dry friction (`dry`) if that is known.
+    """The best starts of every term, simulated, at the torque of plain dry friction (`dry`) if that is known.
 
     A start that is worse than nothing, as its scale was guessed too large, gives way to one nearer to where the
     effect vanishes if that is better.
@@ -174,7 +176,16 @@ def _starting_points(
         for p, q in smaller:
             if q.fit.loss < p.fit.loss:
                 p.fit, p.whitened = q.fit, q.whitened
-    return problems
+    return _leading(problems)
+
+
+def _leading(problems: list[tuple[Term, Problem]]) -> list[tuple[Term, Problem]]:
+    """The best few starts of each term, in their order."""
+    ranked: dict[Term, list[float]] = {}
+    for term, p in problems:
+        ranked.setdefault(term, []).append(p.fit.loss)
+    worst = {term: sorted(losses)[:LEADING][-1] for term, losses in ranked.items()}
+    return [(term, p) for term, p in problems if p.fit.loss <= worst[term]]
 
 
 def at_torque(starts: Array, term: Term, ctx: Context, dry: float) -> Array:
@@ -190,13 +201,6 @@ def _simulate(problems: list[Problem], near: Near, white: Whitener) -> None:
     for p, r in zip(problems, flat, strict=True):
         x = white.excess(r)
         p.whitened, p.fit = r, replace(p.fit, x=x, loss=float(robust_loss(x).mean()))
-
-
-def _promise(p: Problem, theta: Array, w: Windows, white: Whitener) -> float:
-    """The loss at `theta` if the prediction were linear."""
-    moved = p.whitened + np.tensordot((theta - p.fit.theta).astype(np.float32), p.jacobian, 1)
-    loss = float(robust_loss(white.excess(moved)).mean())
-    return loss + prior_loss(p.params, theta, p.fit.centre, w.count)
 
 
 def _whitened(near: Near, runs: list[Run], white: Whitener) -> Array:

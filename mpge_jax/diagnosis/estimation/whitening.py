@@ -20,6 +20,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.machine.joint_space import _parts
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
+from mpge_jax.diagnosis.simulation.near import changes
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
@@ -140,20 +141,19 @@ def whitener(
         compared = np.isfinite(nuisance[STEP]) & np.isfinite(scale)
         inexact = bool(compared.any() and (unknown > scale)[compared].mean() > 0.5)
         scale = np.hypot(scale, unknown)
-    res = sim.residuals(start_runs(hypothesis, theta, w), w)
-    base = res[0]
+    starts = start_runs(hypothesis, theta, w)
+    base, moved = sim.residuals(starts[:1], w)[0], changes(sim, starts, w)
     seen = np.isfinite(base) & np.isfinite(scale)
     flat_seen = seen.reshape(w.count, -1)
     count = np.maximum(flat_seen.sum(1), 1).astype(float)
-    columns = (res[1:] - base) / scale
-    columns = np.where(seen, columns, 0.0).reshape(len(res) - 1, w.count, -1)
+    columns = np.where(seen, moved / scale, 0.0).reshape(len(moved), w.count, -1)
     columns = np.clip(columns, -_CAP, _CAP)
     offset = -np.einsum("swm,ws->wm", columns, w.moved.reshape(w.count, -1))
     stack = [KAPPA * columns]
     if nuisance:
-        changes = (np.where(seen & np.isfinite(d), d / scale, 0.0) for d in nuisance.values())
-        extra = [x.reshape(1, w.count, -1) for x in changes]
-        stack += [NUISANCE * np.clip(e, -_CAP, _CAP) for e in extra]
+        extra = (np.where(seen & np.isfinite(d), d / scale, 0.0) for d in nuisance.values())
+        flat = [x.reshape(1, w.count, -1) for x in extra]
+        stack += [NUISANCE * np.clip(x, -_CAP, _CAP) for x in flat]
     u = np.moveaxis(np.concatenate(stack), 0, -1)
     basis, singular, _ = np.linalg.svd(u, full_matrices=False)
     bare = np.einsum("wmk,rwm->rwk", basis, columns, optimize=True)

@@ -10,10 +10,8 @@ from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
-from mpge_jax.diagnosis.estimation.screening import screen
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.evidence.paired_gains import SEVERAL, stand_out
-from mpge_jax.diagnosis.evidence.rigid_equivalence import one_of_each
 from mpge_jax.diagnosis.evidence.scored import Scored, hopeful, with_simpler
 from mpge_jax.diagnosis.selection.remainder import remainder
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -40,7 +38,7 @@ def compete(s: Search, base: Fitted, terms: list[Term], keep: int = KEEP) -> tup
         return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
     terms = [t for t in terms if compatible(base.hypothesis, t)]
     sample = s.sample(base, white)
-    screened = one_of_each(s.sim.ctx, screen(s.sim, base, terms, *sample))
+    screened = s.screened(base, sample, terms)
     before = evaluate(s.sim, [base], *sample)[0].loss
     if base.hypothesis.terms and (not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)):
         return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)

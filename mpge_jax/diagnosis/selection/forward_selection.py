@@ -122,8 +122,8 @@ def _second_round(s: Search, chosen: Scored, beam: list[Scored]) -> tuple[Fitted
     pairs: dict[Hypothesis, Fitted] = {}
     for b in beam:
         s.say(f"looking for effect 2 beside {b.fit.hypothesis}")
-        white = s.whiten(b.fit)[0]
-        screened = s.screened(b.fit, white, [t for t in s.terms if compatible(b.fit.hypothesis, t)])
+        sample = s.sample(b.fit, s.whiten_one(b.fit, s.train))
+        screened = s.screened(b.fit, sample, [t for t in s.terms if compatible(b.fit.hypothesis, t)])
         for f in with_simpler(screened, 4):
             old = pairs.get(f.hypothesis)
             if old is None or f.loss < old.loss:

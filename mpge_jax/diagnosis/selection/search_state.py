@@ -77,15 +77,17 @@ class Search:
         return out
 
     def sample(self, base: Fitted, white: Whitener) -> tuple[Windows, Whitener]:
-        """A sample of the training windows for quick fits, with its whitener."""
+        """A sample of the training windows for quick fits on top of a fit, with a whitener of all of them for it."""
         # by depth, so that a resumed search draws the same windows
         rng = np.random.default_rng([self.seed, len(base.hypothesis.terms)])
-        index = screen_windows(evaluate(self.sim, [base], self.train, white)[0].x, rng)
+        # by the base's own whitening: what was simulated to find an effect is not simulated again for its rivals
+        own = self.whiten_one(base, self.train)
+        index = screen_windows(evaluate(self.sim, [base], self.train, own)[0].x, rng)
         return self.train.take(index), white.take(index)
 
-    def screened(self, base: Fitted, white: Whitener, terms: list[Term]) -> list[Fitted]:
+    def screened(self, base: Fitted, sample: tuple[Windows, Whitener], terms: list[Term]) -> list[Fitted]:
         """Quick fits on a sample of the training windows, best first."""
-        return one_of_each(self.sim.ctx, screen(self.sim, base, terms, *self.sample(base, white)))
+        return one_of_each(self.sim.ctx, screen(self.sim, base, terms, *sample))
 
     def brief(self, hypothesis: Hypothesis) -> bool:
         """Whether fewer alternatives are looked at: beside many terms, or beside two after long work."""

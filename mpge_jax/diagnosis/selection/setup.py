@@ -31,7 +31,6 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
     c = p.config
     train, typical = _training_windows(p, length)
     held = p.windows("choice", length, c.choice_windows)
-    p.sim.stride = stride(p.sim, train)
     sides = {"mechanical", "sensor"} if p.measured.all() and p.measured.size else None
     terms = [t for t in all_terms(p.ctx, c.effects, sides) if t.effect.simulated]
     terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
@@ -45,8 +44,9 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
 
 
 def _training_windows(p: Prepared, length: float) -> tuple[Windows, int]:
-    """Windows to fit, and how many of them were drawn at random (the first ones)."""
+    """Windows to fit, and how many of them were drawn at random (the first ones); sets the simulator's `stride`."""
     pool = p.windows("train", length, POOL * p.config.train_windows)
+    p.sim.stride = stride(p.sim, pool)
     if pool.count <= p.config.train_windows:
         return pool, pool.count
     nothing = Hypothesis()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
@@ -19,6 +19,7 @@ from mpge_jax.diagnosis.machine.joint_space import difference, integrate
 from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.simulation.actuator_state import shifted
 from mpge_jax.diagnosis.simulation.drive_signal import hermite
+from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.runtime_effects import Group, Runtime
 from mpge_jax.diagnosis.simulation.windows import Windows
 
@@ -30,7 +31,7 @@ CHUNK = 3000
 _DIVERGED = 1e5
 
 
-@dataclass
+@dataclass(frozen=True)
 class Run:
     """One simulation of all windows.
 
@@ -44,6 +45,12 @@ class Run:
     theta: Array
     shift: Array | None = None
     push: tuple[int, float] | None = None
+
+    @property
+    def key(self) -> Hashable:
+        """What tells it from other runs."""
+        shift = None if self.shift is None else self.shift.tobytes()
+        return self.hypothesis, self.theta.tobytes(), shift, self.push
 
 
 class BatchFields(Fields):
@@ -83,9 +90,9 @@ class Simulator:
     """Predicts windows.
 
     Attributes:
-        threads: of the engine. work: simulated steps by cost: nv^1.5 each, four times that with Runge-Kutta.
-        stride: steps that are simulated as one where what a change does is asked for (`larger_steps.stride`).
-        first: what `near.Near` remembers of runs near the model as given.
+        threads: of the engine. work: steps that were asked for, by cost: nv^1.5 each, four times that with
+        Runge-Kutta. stride: steps that are simulated as one where what a change does is asked for
+        (`larger_steps.stride`). known: what was simulated, which is not done twice.
     """
 
     model: mujoco.MjModel
@@ -93,7 +100,7 @@ class Simulator:
     threads: int = 1
     work: float = 0.0
     stride: int = 1
-    first: tuple[bytes, dict[bytes, tuple[Array, float]]] = (b"", {})
+    known: Remembered = field(default_factory=Remembered)
     _larger: tuple[Windows, int, Windows] | None = None
 
     def __post_init__(self) -> None:
@@ -131,10 +138,16 @@ class Simulator:
     def residuals(self, runs: list[Run], w: Windows) -> Array:
         """Measured minus predicted: [R, W, N, 2 nv], positions then velocities, in joint space; NaN unmeasured."""
         out = np.empty((len(runs), w.count, w.times.shape[1], 2 * self.model.nv))
-        per = max(1, CHUNK // max(w.count, 1))
+        keys = [(w.digest, id(w.sources), int(self.model.opt.integrator), run.key) for run in runs]
+        new, per = self.known.recall(keys, out), max(1, CHUNK // max(w.count, 1))
         with quiet():
-            for a in range(0, len(runs), per):
-                out[a : a + per] = self._chunk(runs[a : a + per], w)
+            for a in range(0, len(new), per):
+                part = new[a : a + per]
+                out[part] = self._chunk([runs[i] for i in part], w)
+        self.known.keep(keys, out, new, w.sources)
+        # what is decided by the work does not hang on what is remembered
+        fourfold = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self.work += len(runs) * w.count * w.steps * self.model.nv**1.5 * (4 if fourfold else 1)
         return out
 
     def _chunk(self, runs: list[Run], w: Windows) -> Array:
@@ -155,8 +168,6 @@ class Simulator:
                 before = u[:, : w.history] - w.command[window[rows], : w.history, a]
                 batch.bind("act")[rows] += shifted(m, a, before, w.dt)
         q, v = self._roll(batch, groups, runs, rows_of, commands, w, window)
-        each = m.nv**1.5 * (4 if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 1)
-        self.work += n * w.steps * each
         return self._compare(q, v, w, window, offset, delay).reshape(len(runs), nwin, w.times.shape[1], -1)
 
     def _timed(self, dt: float) -> mujoco.MjModel:

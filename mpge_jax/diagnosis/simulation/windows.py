@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -54,6 +56,15 @@ class Windows:
     def shift(self) -> Array:
         """[W, 2 nv] what `moved` is in position and velocity."""
         return np.einsum("wdij,wdj->wid", self.root, self.moved).reshape(self.count, 2 * self.v0.shape[1])
+
+    @cached_property
+    def digest(self) -> bytes:
+        """What tells a simulation of these windows from one of others of the same sources."""
+        digest = hashlib.blake2b(repr((self.dt, self.steps)).encode())
+        for x in (self.source, self.start, self.q0, self.v0, self.act0, self.command, self.times, self.seen,
+                  self.qpos, self.qvel, self.shift):  # fmt: skip
+            digest.update(np.ascontiguousarray(x).tobytes())
+        return digest.digest()
 
     @property
     def count(self) -> int:

@@ -8,8 +8,9 @@ import pytest
 
 from mpge_jax.diagnosis.effects.context import Param
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.covariance import jackknife
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import _jackknife, fit, timing_error
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit, timing_error
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, refined
 from tests.diagnosis.machines import BOX, PENDULUM, record
@@ -94,7 +95,7 @@ def test_variances_are_those_of_leaving_out_each_window():
     for reached in (theta, theta + np.array([0.5, -0.3])):
         scores = np.einsum("wmp,wm->wp", x, y - x @ reached)
         np.testing.assert_allclose(
-            _jackknife(precision, parts, scores, 1 / np.sqrt(np.diag(precision))),
+            jackknife(precision, parts, scores, 1 / np.sqrt(np.diag(precision))),
             ((moved - theta) ** 2).sum(0) * (windows - 1) / windows,
         )
 

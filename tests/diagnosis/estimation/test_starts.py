@@ -11,23 +11,25 @@ from scipy.stats import norm
 
 from mpge_jax.diagnosis import Recording
 from mpge_jax.diagnosis.corrected import CorrectedModel
+from mpge_jax.diagnosis.effects.angle import waves
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.drive import JointFlexibility
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, proposals
-from mpge_jax.diagnosis.estimation.screening import screen
+from mpge_jax.diagnosis.estimation.screening import _leading, screen
 from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.selection import criteria
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import MANY_STEPS, Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.scales import _beside_contacts
 from mpge_jax.diagnosis.simulation.windows import cut
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, excitation, record
-from tests.diagnosis.searches import search_of
+from tests.diagnosis.searches import COULOMB, DAMPING, search_of
 
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
 FLEXIBLE = {"stiffness": 8.0, "damping": 0.02}
@@ -72,6 +74,7 @@ def test_a_motor_behind_a_spring_starts_as_the_recording_left_it(elastic, monkey
     assert _loss(elastic, f) < 1.3
     # at rest in the torque of the moment, as one that was never recorded must be believed to be
     monkeypatch.setattr(JointFlexibility, "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
+    monkeypatch.setattr(elastic.sim, "known", Remembered())
     assert _loss(elastic, f) > 3.0
 
 
@@ -87,6 +90,7 @@ def test_a_moved_start_moves_the_motion_before_it(elastic, monkeypatch):
 
     followed = columns()
     monkeypatch.setattr(JointFlexibility, "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
+    monkeypatch.setattr(elastic.sim, "known", Remembered())
     # also at a recording's first row, where there is nothing to follow, and shortly after it
     np.testing.assert_allclose(followed, columns(), rtol=0.15)
 
@@ -95,7 +99,8 @@ def test_what_a_run_predicts_does_not_depend_on_its_company(elastic):
     h = Hypothesis.of(Term("joint_flexibility", HINGE))
     quick, slow = (Run(h, np.array([8.0, d])) for d in (0.2, 0.02))
     alone, together = (
-        elastic.sim.residuals(runs, elastic.train)[0] for runs in ([quick], [slow, quick][::-1])
+        dataclasses.replace(elastic.sim, known=Remembered()).residuals(runs, elastic.train)[0]
+        for runs in ([quick], [quick, slow])
     )
     np.testing.assert_array_equal(alone, together)
 
@@ -194,6 +199,26 @@ def test_what_contacts_could_be_is_no_missing_force():
         np.testing.assert_allclose(free @ free, free, atol=1e-9)
 
 
+def test_slopes_are_simulated_where_the_best_starts_are():
+    h, losses = Hypothesis.of(DAMPING), [3.0, 1.0, 5.0, 2.0, 4.0]
+    problems = [(DAMPING, Problem(Fitted(h, np.zeros(1), np.zeros(1), loss), [])) for loss in losses]
+    other = [(COULOMB, Problem(Fitted(h, np.zeros(1), np.zeros(1), 9.0), []))]
+    assert [p.fit.loss for _, p in _leading(other + problems)] == [9.0, 3.0, 1.0, 2.0]
+
+
+def test_sinusoids_are_those_of_least_squares():
+    rng = np.random.default_rng(0)
+    q, v, weight = rng.uniform(-1, 2, 200), rng.standard_normal(200), rng.uniform(0.3, 1, 200)
+    plain = np.stack([np.ones_like(q), q, v, np.sign(v)], 1) * weight[:, None]
+    r = weight * (0.3 * np.sin(7.0 * q) - 0.1 * np.cos(7.0 * q) + 0.5 * q - 0.2 * np.sign(v))
+    r += 0.01 * rng.standard_normal(200)
+    for left, (a, b, n) in waves(np.array([3.0, 7.0]), q, plain, weight, r):
+        x = np.concatenate([np.stack([np.sin(n * q), np.cos(n * q)], 1) * weight[:, None], plain], 1)
+        expected = np.linalg.lstsq(x, r, rcond=None)[0]
+        np.testing.assert_allclose([a, b], expected[:2], rtol=1e-6)
+        assert left == pytest.approx(((r - x @ expected) ** 2).sum(), rel=1e-6)
+
+
 def test_cogs_are_guessed_from_the_missing_torque():
     def cogs(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
         data.qfrc_applied[0] = 0.06 * np.sin(25.0 * data.qpos[0] + 0.7)
@@ -262,6 +287,7 @@ def test_a_gap_is_crossed_before_a_window_starts(elastic):
     followed = elastic.sim.residuals([Run(h, theta)], w)[0]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(type(backlash), "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
+        patch.setattr(elastic.sim, "known", Remembered())
         static = elastic.sim.residuals([Run(h, theta)], w)[0]
     change = np.nanmax(np.abs(followed - static)[..., 0], axis=1)
     # nothing came before a recording's first row

@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, screen
 from mpge_jax.diagnosis.evidence.scored import Scored
-from mpge_jax.diagnosis.selection import competition, criteria
+from mpge_jax.diagnosis.selection import criteria, search_state
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined
 from mpge_jax.diagnosis.selection.criteria import accept, choose, needed
@@ -61,7 +61,7 @@ def test_nothing_is_looked_for_at_the_noise(null, monkeypatch):
     def never(*_args):
         raise AssertionError("screened although nothing is missing")
 
-    monkeypatch.setattr(competition, "screen", never)
+    monkeypatch.setattr(search_state, "screen", never)
     f, last = search(s)
     assert not f.hypothesis.terms and not last
 

@@ -1,0 +1,100 @@
+"""How a fit goes: by secants, no further than anything is promised, and checked in the model's own steps."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.effects.context import Param
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import _move, fit, gauss_newton_shift
+from mpge_jax.diagnosis.estimation.parameter_steps import Problem
+from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
+from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.searches import COULOMB, DAMPING, fitted, search_of
+
+
+def test_slopes_follow_what_was_seen_on_the_way():
+    """r = A theta in a plane, slopes that are wrong by E: by hand, one move corrects them along its step alone."""
+    rng = np.random.default_rng(0)
+    true, wrong = rng.standard_normal((2, 2, 3, 4))
+    params = [Param("a", "1", -9, 9, 1.0, prior=2.0), Param("b", "1", -9, 9, 1.0, prior=0.5)]
+    p = Problem(Fitted(NOTHING.hypothesis, np.zeros(2), np.zeros(2)), params)
+    p.whitened, p.jacobian = np.zeros((3, 4)), true + wrong
+    for step in ([1.0, 0.0], [0.0, 1.0]):
+        theta = p.fit.theta + step
+        _move(p, Fitted(NOTHING.hypothesis, theta, theta), np.tensordot(theta, true, 1))
+        np.testing.assert_allclose(np.tensordot(step, p.jacobian - true, 1), 0.0, atol=1e-12)
+    # two steps that are perpendicular tell both slopes
+    np.testing.assert_allclose(p.jacobian, true, atol=1e-12)
+    assert p.secant
+
+
+@pytest.fixture(scope="module")
+def rubbing():
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_damping[0] += 0.03
+        model.dof_frictionloss[0] = 0.1
+
+    return search_of(PENDULUM, record(PENDULUM, 0.8, change=change))[0]
+
+
+def _simulated(monkeypatch, count: list[int]) -> None:
+    """Count simulated windows in `count`."""
+    chunk = Simulator._chunk
+
+    def counted(sim, runs, w):
+        count[0] += len(runs) * w.count
+        return chunk(sim, runs, w)
+
+    monkeypatch.setattr(Simulator, "_chunk", counted)
+
+
+def test_where_nothing_is_promised_nothing_is_simulated(rubbing, monkeypatch):
+    s = rubbing
+    white = s.whiten_one(NOTHING, s.train)
+    start = fitted(s, {COULOMB: [0.05], DAMPING: [0.0]})
+    found = fit(s.sim, [start], s.train, white, tolerance=1e-4)[0]
+    assert found.theta == pytest.approx([0.1, 0.03], rel=0.1)
+    count = [0]
+    _simulated(monkeypatch, count)
+    again = fit(s.sim, [found], s.train, white)[0]
+    assert count == [0]
+    np.testing.assert_array_equal(again.theta, found.theta)
+    assert again.loss == pytest.approx(found.loss, abs=1e-9)
+
+
+def test_secants_lead_where_slopes_do(rubbing, monkeypatch):
+    """The same optimum as with slopes that are simulated after each step, by fewer simulations."""
+    s = rubbing
+    white = s.whiten_one(NOTHING, s.train)
+    start = fitted(s, {COULOMB: [0.03], DAMPING: [0.01]})
+    ends, counts = [], []
+    for anew in (False, True):
+        sim, count = Simulator(s.sim.model, s.sim.ctx, stride=s.sim.stride), [0]
+        with monkeypatch.context() as m:
+            _simulated(m, count)
+            if anew:
+                m.setattr(
+                    "mpge_jax.diagnosis.estimation.levenberg_marquardt.without_slopes",
+                    lambda p, _ctx: [p.fit.theta.copy()],
+                )
+            ends.append(fit(sim, [start], s.train, white)[0])
+        counts.append(count[0])
+    deviation = np.sqrt(np.diag(ends[1].cov))
+    assert (np.abs(ends[0].theta - ends[1].theta) < 0.1 * deviation).all()
+    assert counts[0] < 0.7 * counts[1]
+
+
+def test_a_shift_of_residuals_is_told_in_parameters(rubbing):
+    """Residuals as they are at other parameters: those are where it leads, to first order."""
+    s = rubbing
+    here, there = (fitted(s, {DAMPING: [x]}) for x in (0.02, 0.021))
+    assert s.sim.costly(s.train)
+    white = s.whiten_one(here, s.train)
+    runs = [Run(f.hypothesis, f.theta) for f in (here, there)]
+    now, then = white(s.sim.residuals(runs, s.train))
+    # predictions that move so are made up for by the opposite change
+    shift = gauss_newton_shift(s.sim, here, s.train, white, 2 * now - then)
+    assert shift == pytest.approx([0.001], rel=0.05)
