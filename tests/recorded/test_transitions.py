@@ -128,9 +128,7 @@ def test_what_does_not_fit_is_one_sentence(tmp_path):
         "qpos": np.where([[False, True]], np.nan, log["qpos"]),
         "qvel": np.where([[False, True]], np.nan, log["qvel"]),
     }
-    assert "run: InvertedPendulum observes hinge, whose position the log does not hold" in refused(
-        blind
-    )
+    assert "run: InvertedPendulum observes hinge, whose position the log does not hold" in refused(blind)
     forces = {name: values for name, values in log.items() if name != "ctrl"} | {
         "actuator_force": log["ctrl"]
     }
