@@ -68,4 +68,4 @@ def intervals(entry: dict[str, Any]) -> str:
 def clause(text: str) -> str:
     """A sentence as a part of another."""
     text = text.removesuffix(".")
-    return text[0].lower() + text[1:] if text.startswith(("The ", "A ")) else text
+    return text[0].lower() + text[1:] if text.startswith(("The ", "A ", "Gravity ", "Contacts ")) else text

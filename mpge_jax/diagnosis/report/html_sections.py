@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import base64
 import datetime
 import difflib
 from html import escape
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mpge_jax.diagnosis.estimation.whitening import column_scale
+from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.sentences import unit_of_motion
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.verdict.result import Result
 
 RECORDINGS, LINES = 40, 60
 """Recordings, and lines of the model file, that are shown at most."""
+
+_TAG = {"-": "del", "+": "ins"}
 
 
 def given(d: Result) -> str:
@@ -57,11 +63,63 @@ def pasted(nominal: str, corrected: str) -> str:
     lines = changes(nominal, corrected)
     if not lines:
         return ""
-    more = f"\n... and {len(lines) - LINES} more lines in corrected.xml" if len(lines) > LINES else ""
+    shown = [f"<{_TAG[line[0]]}>{escape(line)}</{_TAG[line[0]]}>" for line in lines[:LINES]]
+    more = [f"... and {len(lines) - LINES} more lines in corrected.xml"] if len(lines) > LINES else []
     return (
         "<h2>What to change in the model file</h2><p>Lines of <code>nominal.xml</code> (-) and what stands in their "
-        f"place in <code>corrected.xml</code> (+):</p><pre>{escape(chr(10).join(lines[:LINES]) + more)}</pre>"
+        f"place in <code>corrected.xml</code> (+):</p><pre>{chr(10).join(shown + more)}</pre>"
     )
+
+
+def whole(d: Result, figures: dict[str, Path]) -> str:
+    """Whole held-out recordings, where there is a figure of them."""
+    if "whole" not in figures:
+        return ""
+    how = (
+        "the forces that the whole recorded motion needs"
+        if isinstance(d.held, ForceErrors)
+        else "simulated from the first row to the last, never put back to what was measured"
+    )
+    return (
+        f'<h2>Whole held-out recordings</h2><p class="quiet">Nothing was fitted to them; {how}.</p>'
+        + image(figures["whole"], "whole held-out recordings, predicted before and after")
+    )
+
+
+def close(d: Result) -> str:
+    """What the figure of short stretches shows."""
+    if isinstance(d.held, ForceErrors):
+        return "A few seconds, over time and over the joint's position: dry friction is a step where a joint turns."
+    return (
+        "Pieces of usual difficulty, each from an estimated state: by these errors the effects were judged."
+    )
+
+
+def predicted(d: Result, table: dict[str, Any]) -> str:
+    """What the errors are errors of."""
+    if isinstance(d.held, ForceErrors):
+        return f"the actuator forces that the recorded motion needs, by inverse dynamics{_resolved(d.held)}"
+    return f"predicting the motion over windows of {table['fit']['window_s']:.2g} s, open loop"
+
+
+def _resolved(e: ForceErrors) -> str:
+    """How finely motion and force were compared, where that is less than as recorded."""
+    r = e.balance.resolution
+    parts = [
+        text
+        for text, value in (
+            (f"of motion below {r.motion:.2g} Hz", r.motion),
+            (f"as a sensor shows them that follows {r.sensor:.2g} Hz", r.sensor),
+        )
+        if np.isfinite(value)
+    ]
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+def image(path: Path, alt: str) -> str:
+    """A picture within the page itself."""
+    data = base64.b64encode(path.read_bytes()).decode()
+    return f'<img alt="{escape(alt, quote=True)}" src="data:image/png;base64,{data}">'
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:

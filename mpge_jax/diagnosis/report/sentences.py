@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import mujoco
@@ -54,22 +55,31 @@ def _said_together(d: Result, terms: list[Term]) -> str:
     )
 
 
-def explanation(d: Result) -> str:
-    """What a technician needs to know, in a few sentences."""
-
-    parts: list[str] = []
+def _of_effects(d: Result) -> Iterator[tuple[float, str]]:
+    """A sentence for every effect, or for several that are alike, with the largest share of the error that goes with
+    one of them."""
     ambiguous = candidates_of(d)
     alike = _alike([t for t in d.terms if t not in ambiguous], d)
     for term in d.terms:
         if term in ambiguous:
             options = [clause(_said(d, f, _differing(d, f, term))) for f in ambiguous[term]]
-            parts.append(f"The recordings cannot tell which: {', or '.join(options)}.")
-        elif term in alike:
-            if term is alike[term][0]:
-                parts.append(_said_together(d, alike[term]))
-        else:
+            yield _share(d, [term]), f"The recordings cannot tell which: {', or '.join(options)}."
+        elif term not in alike:
             text = _said(d, d.fit, term)
-            parts.append(text[0].upper() + text[1:])
+            yield _share(d, [term]), text[0].upper() + text[1:]
+        elif term is alike[term][0]:
+            yield _share(d, alike[term]), _said_together(d, alike[term])
+
+
+def _share(d: Result, terms: list[Term]) -> float:
+    """The largest share of the error that goes with one of some effects; 0 where none is known."""
+    return max(np.nan_to_num(d.error_drop[t]) for t in terms)
+
+
+def explanation(d: Result) -> str:
+    """What a technician needs to know, in a few sentences; what takes most of the error away comes first."""
+
+    parts = [text for _, text in sorted(_of_effects(d), key=lambda x: -x[0])]
     if d.actuators is not None:
         parts += d.actuators.sentences
     if d.unexplained is not None:
@@ -145,9 +155,9 @@ def worse_without(drop: float) -> str:
 
 def effect_rows(table: dict[str, Any]) -> list[list[str]]:
     """A row for every parameter of every effect in `diagnosis.json`: effect, place, parameter, value, 95 % interval,
-    and how much larger the held-out error is without the effect."""
+    and how much larger the held-out error is without the effect; the effect without which it is largest comes first."""
     rows = []
-    for e in table["effects"]:
+    for e in sorted(table["effects"], key=lambda e: -(e.get("error_drop") or 0.0)):
         without = "" if e.get("error_drop") is None else worse_without(e["error_drop"])
         for name, p in (e["parameters"] or {"": None}).items():
             rows.append([e["id"], e["at"], name, *((quantity(p), intervals(p)) if p else ("", "")), without])

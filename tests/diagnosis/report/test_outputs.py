@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.report import sentences
-from mpge_jax.diagnosis.report.figures.motion_figures import _span
+from mpge_jax.diagnosis.report.figures.motion_figures import span
 from mpge_jax.diagnosis.report.html_page import _drives
 from mpge_jax.diagnosis.report.html_sections import changes, pasted
 from mpge_jax.diagnosis.report.markdown_page import window_errors
@@ -208,9 +208,9 @@ def test_changed_lines_of_a_model_are_shown():
 
 def test_curves_fill_their_panels_and_what_runs_away_leaves_them():
     measured = np.linspace(0.0, 1.0, 50)
-    low, high = _span(measured, (measured + 0.1, 0.99 * measured), 0.0)
+    low, high = span(measured, (measured + 0.1, 0.99 * measured), 0.0)
     assert high - low < 1.3 and low < 0.0 and high > 1.1
-    assert _span(measured, (10.0 * measured,), 0.0)[1] < 2.3
+    assert span(measured, (10.0 * measured,), 0.0)[1] < 2.3
 
 
 def test_an_effect_of_many_joints_is_told_in_one_sentence():

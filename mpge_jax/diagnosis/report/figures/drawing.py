@@ -25,6 +25,24 @@ def short(text: str, most: int) -> str:
     return text[:most].replace("$", r"\$")
 
 
+def curves(measured: Array, given: Array, corrected: Array) -> list[tuple[Array, str, str, float, str]]:
+    """What was measured and what either model predicts, with colour, style, width and name; the corrected model only
+    where it predicts something else than the model as given."""
+    out = [
+        (measured, MEASURED, "-", 2.2, "measured"),
+        (given, NOMINAL, "--", 1.3, "model as given"),
+        (corrected, CORRECTED, "-", 1.3, "corrected model"),
+    ]
+    return out[:2] if np.array_equal(given, corrected, equal_nan=True) else out
+
+
+def legend_above(ax: Axes) -> None:
+    """The curves' names in a line above the axes, where they hide nothing."""
+    ax.legend(
+        fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=3, frameon=False, borderaxespad=0.2
+    )
+
+
 def log_scale(ax: Axes) -> None:
     """A logarithmic x axis with few plain numbers, also where it spans less than a decade."""
     ax.set_xscale("log")
@@ -39,13 +57,16 @@ def bars(names: list[str], before: Array, after: Array, floor: float, what: str,
     figure = Figure(figsize=(6.4, 0.55 * len(names) + 1.4), layout="constrained")
     ax = figure.subplots()
     y = np.arange(len(names))
-    ax.barh(y - 0.2, before, 0.38, color=NOMINAL, label="model as given")
-    ax.barh(y + 0.2, after, 0.38, color=CORRECTED, label="corrected model")
-    ax.axvline(max(floor, 1e-9), color=MEASURED, ls=":", label="noise alone, all together")
+    if np.array_equal(before, after, equal_nan=True):
+        ax.barh(y, before, 0.5, color=NOMINAL, label="model as given")
+    else:
+        ax.barh(y - 0.2, before, 0.38, color=NOMINAL, label="model as given")
+        ax.barh(y + 0.2, after, 0.38, color=CORRECTED, label="corrected model")
+    ax.axvline(max(floor, 1e-9), color=MEASURED, ls=":", label="noise, all together")
     log_scale(ax)
     ax.set_yticks(y, [short(name, 18) for name in names])
     ax.invert_yaxis()
     ax.set_xlabel(what)
-    ax.legend(fontsize=8)
+    legend_above(ax)
     ax.grid(alpha=0.25, axis="x")
     return save(figure, path)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.report.figures import drawing, force_figures, motion_figures
+from mpge_jax.diagnosis.report.figures import drawing, force_figures, motion_figures, whole_recordings
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED
 from mpge_jax.diagnosis.report.figures.marks import Mark
 from mpge_jax.diagnosis.report.figures.robot_picture import robot
@@ -54,16 +54,17 @@ def marks(d: Result) -> list[Mark]:
 
 
 def draw(d: Result, folder: Path) -> dict[str, Path]:
-    """All figures; the key is what a figure shows."""
+    """All figures; the key is what a figure shows (`whole` only where a held-out recording can be predicted)."""
     folder.mkdir(parents=True, exist_ok=True)
     p = d.prepared
     curves, bars = folder / "prediction.png", folder / "errors.png"
-    map_of_time = folder / "residuals.png"
+    map_of_time, all_of_it = folder / "residuals.png", folder / "whole.png"
     if isinstance(d.held, ForceErrors):
         shown = {
             "prediction": force_figures.forces(d, d.held, curves),
             "errors": force_figures.errors_by_actuator(d, d.held, bars),
             "residuals": force_figures.residual_map(d, d.held, map_of_time),
+            "whole": force_figures.whole(d, d.held, all_of_it),
         }
     else:
         shown = {
@@ -71,6 +72,8 @@ def draw(d: Result, folder: Path) -> dict[str, Path]:
             "errors": motion_figures.errors_by_joint(d, d.held, bars),
             "residuals": motion_figures.residual_map(d.held, map_of_time),
         }
+        if drawn := whole_recordings.whole(d, d.held, all_of_it):
+            shown["whole"] = drawn
     return shown | {
         "robot": robot(p.spec, p.model, p.test[0].states.qpos, marks(d), folder / "robot.png"),
         "location": location(d, folder / "location.png"),

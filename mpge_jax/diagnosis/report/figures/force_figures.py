@@ -11,13 +11,15 @@ from matplotlib.ticker import MaxNLocator
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.report.figures import drawing
-from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, MEASURED, NOMINAL
+from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, NOMINAL
 from mpge_jax.diagnosis.report.sentences import unit_of_joint
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
 SHOWN, PERIOD = 4, 4.0
 """Actuators that are shown, those with the largest error as given over their force; and seconds of time."""
+RECORDINGS, OF_EACH = 3, 3
+"""Whole recordings, and actuators of each, that are shown."""
 
 
 def forces(d: Result, e: ForceErrors, path: Path) -> Path:
@@ -31,11 +33,7 @@ def forces(d: Result, e: ForceErrors, path: Path) -> Path:
     origin = d.prepared.test[0].recording.shown_origin
     m, names = d.prepared.model, d.prepared.names
     for (ax, loop), a in zip(axes, shown, strict=True):
-        for values, color, style, width, label in (
-            (e.balance.measured, MEASURED, "-", 2.2, "measured"),
-            (e.given, NOMINAL, "--", 1.3, "model as given"),
-            (e.corrected, CORRECTED, "-", 1.3, "corrected model"),
-        ):
+        for values, color, style, width, label in drawing.curves(e.balance.measured, e.given, e.corrected):
             force = values[: near.size, a][near]
             ax.plot(origin + track.time[near], force, color=color, ls=style, lw=width, label=label)
             if is_joint_transmission(m, a):
@@ -50,6 +48,31 @@ def forces(d: Result, e: ForceErrors, path: Path) -> Path:
     axes[-1, 0].set_xlabel("time (s)")
     axes[-1, 1].set_xlabel("position (rad or m)")
     axes[0, 0].legend(fontsize=8)
+    return drawing.save(figure, path)
+
+
+def whole(d: Result, e: ForceErrors, path: Path) -> Path:
+    """Held-out forces over whole recordings."""
+    shown, tracks = _worst(e)[:OF_EACH], e.balance.tracks[:RECORDINGS]
+    figure = Figure(figsize=(9.6, 1.7 * len(shown) * len(tracks) + 0.6), layout="constrained")
+    axes = figure.subplots(len(shown) * len(tracks), 1, squeeze=False)[:, 0]
+    m, names = d.prepared.model, d.prepared.names
+    first = 0
+    for k, (track, source) in enumerate(zip(tracks, d.prepared.held_sources, strict=False)):
+        rows = slice(first, first + len(track.time))
+        first += len(track.time)
+        time = source.recording.shown_origin + track.time
+        for ax, a in zip(axes[k * len(shown) :], shown, strict=False):
+            for values, color, style, width, label in drawing.curves(
+                e.balance.measured, e.given, e.corrected
+            ):
+                ax.plot(time, values[rows, a], color=color, ls=style, lw=width, label=label)
+            unit = unit_of_joint(d, names.driven_by(m, a))
+            ax.set_ylabel(f"{drawing.short(names.actuators[a], 18)} ({unit})")
+            ax.grid(alpha=0.25)
+        axes[k * len(shown)].set_title(drawing.short(track.name, 40), fontsize=9, loc="right")
+    drawing.legend_above(axes[0])
+    axes[-1].set_xlabel("time in the recording (s)")
     return drawing.save(figure, path)
 
 
@@ -77,7 +100,8 @@ def residual_map(d: Result, e: ForceErrors, path: Path) -> Path:
         first += len(t.time)
         time = s.recording.shown_origin + t.time
         ax.fill_between(time, before[rows], color=NOMINAL, alpha=0.5, lw=0, label="model as given")
-        ax.fill_between(time, after[rows], color=CORRECTED, alpha=0.8, lw=0, label="corrected model")
+        if not np.array_equal(before, after):
+            ax.fill_between(time, after[rows], color=CORRECTED, alpha=0.8, lw=0, label="corrected model")
         ax.set_ylabel("error / force")
         ax.set_title(drawing.short(t.name, 40), fontsize=9)
         ax.grid(alpha=0.25)

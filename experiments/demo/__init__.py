@@ -1,0 +1,1 @@
+"""A demonstration of both halves: an arm with something concealed, and a public machine's log, on one page."""
