@@ -15,6 +15,8 @@ METHODS ?= direct SPG MPG-MS MPGE-MS Vine GAT diagnosed target
 PY := $(VENV)/bin/python
 # Without build isolation, so that what builds the project is pinned too.
 PIP := $(PY) -m pip install --disable-pip-version-check --no-input --no-build-isolation -c constraints.txt
+# The banner is an advertisement of another tool.
+BUILD_DOCS := NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet
 STAMP := $(VENV)/.installed
 CLIENTS := $(VENV)/.clients
 UNFINISHED := $(VENV)/.unfinished
@@ -25,7 +27,7 @@ SUPPORTED := import ensurepip, sys, venv; \
 CANDIDATES := $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python)
 
 .DEFAULT_GOAL := help
-.PHONY: help install cuda sweep inspect diagnose fleet pretrain benchmark test test-slow matrix installed check format lock clean FORCE
+.PHONY: help install demo docs cuda sweep inspect diagnose fleet pretrain benchmark test test-slow matrix installed check format lock clean FORCE
 
 help: ## list the targets
 	@echo "mpge-jax. The first target that needs it installs everything into $(VENV) (Python 3.11 to 3.13)."
@@ -34,6 +36,9 @@ help: ## list the targets
 
 install: $(STAMP) ## make .venv and install the pinned versions (done by the others when needed)
 	@echo "== $(VENV) is ready"
+
+demo: $(STAMP) ## both halves in a few minutes, on one page (ARGS=--no-open shows none)
+	$(PY) -m experiments.demo $(ARGS)
 
 cuda: $(STAMP) ## add JAX for NVIDIA GPUs and MJX-Warp (Linux)
 	@echo "== Adding the CUDA 12 wheels of JAX and MJX-Warp to $(VENV)"
@@ -70,10 +75,14 @@ matrix: $(STAMP) ## the tests with Python 3.11 to 3.13, each with the oldest and
 installed: $(STAMP) ## build the wheel, install it elsewhere, and run the README's library examples with it
 	$(PY) -m tests.supported.installed build/installed
 
-check: $(STAMP) ## lint, formatting and types
+check: $(STAMP) ## lint, formatting, types, and the pages of the documentation
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy --num-workers $(WORKERS)
+	$(BUILD_DOCS)
+
+docs: $(STAMP) ## build the documentation's pages into build/site
+	$(BUILD_DOCS)
 
 format: $(STAMP) ## format the code and apply the linter's safe fixes
 	$(PY) -m ruff check --fix .

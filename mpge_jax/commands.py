@@ -8,7 +8,7 @@ from pathlib import Path
 
 _HOME = Path(__file__).resolve().parents[1]
 _WITHOUT_ENVS = ("diagnose", "fleet", "inspect")
-_PACKAGES = ("fleet",)
+_PACKAGES = ("demo", "fleet")
 
 
 def stranger(package: str) -> Path | None:
@@ -36,7 +36,7 @@ def start(command: str) -> int:
     return int(module.command() if hasattr(module, "command") else module.main())
 
 
-diagnose, fleet, inspect, new, pretrain, sweep = (
-    partial(start, name) for name in ("diagnose", "fleet", "inspect", "new", "pretrain", "sweep")
+demo, diagnose, fleet, inspect, new, pretrain, sweep = (
+    partial(start, name) for name in ("demo", "diagnose", "fleet", "inspect", "new", "pretrain", "sweep")
 )
 benchmark = partial(start, "benchmark")

@@ -36,7 +36,8 @@ class ProgressBar:
         self._bar: Progress | None = None
 
     def __enter__(self) -> "ProgressBar":
-        self._start = self._last_line = time.monotonic()
+        self._last_line = time.monotonic()
+        self._begun: float | None = None
         if not self._quiet and self._console.is_terminal:
             self._bar = Progress(
                 TextColumn("{task.description}"),
@@ -67,11 +68,15 @@ class ProgressBar:
             self._bar.update(self._task, completed=self._done, note=note)
             return
         now = time.monotonic()
+        if self._begun is None:
+            # The first step compiles: it says nothing of the others.
+            self._begun, self._first = now, self._done
         if now - self._last_line >= self._interval or self._done == self._total:
             self._last_line = now
-            left = (now - self._start) / (self._done - self._first) * (self._total - self._done)
+            timed, rest = self._done - self._first, self._total - self._done
+            left = f", {(now - self._begun) / timed * rest:.0f} s left" if timed else ""
             self._console.print(
-                f"{self._title}: {self._done}/{self._total}, {left:.0f} s left  {note}",
+                f"{self._title}: {self._done}/{self._total}{left}  {note}",
                 soft_wrap=True,
                 highlight=False,
             )

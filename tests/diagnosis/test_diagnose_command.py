@@ -207,7 +207,7 @@ def test_report_is_self_contained_and_escaped(result):
     page = _Page()
     page.feed(text)
     assert "script" not in page.tags and "&lt;script&gt;" in text
-    assert len(page.images) == 5
+    assert len(page.images) == 6
     for source in page.images:
         assert base64.b64decode(source.removeprefix("data:image/png;base64,"))[:4] == b"\x89PNG"
     assert not re.search(r'(?:src|href)="https?:', text)
@@ -229,7 +229,7 @@ def test_report_opens_in_a_browser_without_errors(result, tmp_path):
         "--enable-logging=stderr", "--v=0", "--virtual-time-budget=3000", "--dump-dom", probe.as_uri(),
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert "<title>shown 5 of 5</title>" in done.stdout
+    assert "<title>shown 6 of 6</title>" in done.stdout
     assert "CONSOLE" not in done.stderr
 
 

@@ -103,6 +103,7 @@ class ActuatorGain(_Linear):
     equation = "tau = g u"
     says = "The actuator {at} gives {gain} times the force that the model expects."
     fields = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
+    confused_with = ("payload_mass", "torque_saturation")
     remedy = "steps of command at rest and while moving, in several poses"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -134,6 +135,7 @@ class DeadActuator(OfActuator):
     equation = "tau = 0"
     says = "The actuator {at} gives no force at all."
     fields = ("actuator_gainprm", "actuator_biasprm")
+    confused_with = ("actuator_gain",)
     remedy = "steps of command at rest"
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
@@ -148,6 +150,7 @@ class ActuatorBias(_Linear):
     id, order = "actuator_bias", 3
     equation = "tau = u + c"
     says = "The actuator {at} adds a constant {bias} to what it is told."
+    confused_with = ("gravity_tilt", "asymmetric_friction")
     remedy = "rest in several poses, with the command at zero"
     fields = (*_Linear.fields, "actuator_forcerange")
 
@@ -207,6 +210,7 @@ class BackEmf(_Linear):
     id, order = "back_emf", 2
     equation = "tau = k (V - ke v)"
     says = "The actuator {at} loses force with speed, as a motor's back-EMF makes it: {coefficient}."
+    confused_with = ("viscous_damping",)
     remedy = "compare coasting with the drive switched off to powered motion, or measure the motor's current"
 
     def places(self, ctx: Context) -> list[Place]:
@@ -240,6 +244,7 @@ class TorqueSaturation(OfActuator):
     equation = "clip(tau, +-limit)"
     says = "The actuator {at} gives at most {limit}."
     fields = ("actuator_forcerange", "actuator_forcelimited")
+    confused_with = ("actuator_gain",)
     remedy = "large steps of command"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -268,6 +273,7 @@ class ActuatorDeadzone(OfActuator):
     id, order, runtime = "actuator_deadzone", 4, True
     equation = "sign(tau) max(|tau| - width, 0)"
     says = "The actuator {at} ignores forces smaller than {width}."
+    confused_with = ("backlash", "coulomb_friction")
     remedy = "commands of small and of large amplitude"
 
     def places(self, ctx: Context) -> list[Place]:

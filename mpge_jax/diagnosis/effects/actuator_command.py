@@ -25,6 +25,7 @@ class ActuatorDelay(OfCommand):
     says = "The actuator {at} obeys its command {delay} late."
     tries = (1.0, 3.0, 9.0)
     jagged = True
+    confused_with = ("actuator_lag", "joint_flexibility")
     remedy = "a chirp of commands over a wide band, with a second sensor that shows when the response begins"
     max_delay = 0.25
 
@@ -75,6 +76,7 @@ class ActuatorLag(OfCommand):
     equation = "T du_f/dt = u - u_f"
     says = "The actuator {at} follows its command with a time constant of {time_constant}."
     tries = (2.0, 10.0)
+    confused_with = ("actuator_delay",)
     remedy = "a chirp of commands over a wide band"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:

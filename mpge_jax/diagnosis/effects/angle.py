@@ -42,6 +42,7 @@ class JointStiffness(Effect):
     equation = "-k (q - q0)"
     says = "A spring of {stiffness} that the model lacks pulls the {at} towards {reference}."
     fields = ("jnt_stiffness", "qpos_spring")
+    confused_with = ("payload_mass", "cogging_torque")
     remedy = "sweep the joint slowly through its whole range"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -77,6 +78,7 @@ class CoggingTorque(Effect):
     id, kinds, tier, runtime = "cogging_torque", ("joint",), 2, True
     equation = "A sin(n q + phi)"
     says = "A torque of {amplitude} that comes and goes {periods} times a turn pulls at the {at} (cogging)."
+    confused_with = ("joint_stiffness", "stribeck_friction")
     remedy = "sweep the joint slowly over full turns"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:

@@ -46,6 +46,8 @@ class Effect:
     """One plain sentence for the report, with {at} for the place and the parameters by name."""
     remedy: str = ""
     """What recording shows the effect best."""
+    confused_with: tuple[str, ...] = ()
+    """Effects whose traces look much alike where recordings do not show the difference."""
     tries: tuple[float, ...] = (1.0,)
     """Starting values of the fit, each for all parameters, in their scales; small effects first."""
     vanishes_at: float = 0.0

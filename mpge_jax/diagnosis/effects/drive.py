@@ -26,6 +26,7 @@ class Armature(Effect):
     equation = "-J a"
     says = "The drive of the {at} has a rotor inertia of {inertia} that the model lacks."
     fields, set_const = ("dof_armature",), True
+    confused_with = ("payload_mass", "actuator_delay")
     remedy = "fast chirps in two poses with different link inertia"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -121,6 +122,7 @@ class JointFlexibility(Drive):
     id = "joint_flexibility"
     equation = "motor and link joined by k twist + d d(twist)/dt"
     says = "The drive of the {at} yields like a spring of {stiffness} with a damping of {damping}."
+    confused_with = ("actuator_delay", "backlash")
     remedy = "a chirp past the resonance"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -195,6 +197,7 @@ class Backlash(Drive):
     id = "backlash"
     equation = "motor and link joined through a gap of free travel, at whose ends they bounce"
     says = "The drive of the {at} has a free travel (backlash) of {gap}."
+    confused_with = ("actuator_deadzone", "coulomb_friction", "actuator_delay")
     remedy = "slow reversals with and without a load that holds the gap closed"
     inertial = rugged = True
 

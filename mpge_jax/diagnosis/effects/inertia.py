@@ -84,6 +84,7 @@ class PayloadMass(_Inertial):
     equation = "a point mass at a position in the body's frame"
     says = "{at} carries {mass} more than the model says, at {position} in its own frame."
     fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
+    confused_with = ("actuator_gain", "actuator_bias", "joint_stiffness")
     remedy = "hold still in several poses, then move fast in two of them"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -112,6 +113,7 @@ class MassScale(_Inertial):
     equation = "every mass and inertia times one factor"
     says = "The whole machine has {factor} times the mass that the model says."
     fields = ("body_mass", "body_inertia", "body_gravcomp")
+    confused_with = ("actuator_gain",)
     remedy = "passive motion and motion under known forces"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -135,6 +137,7 @@ class ComOffset(_Inertial):
     says = "The centre of mass of {at} lies {offset} away from where the model has it."
     tries = (0.0,)
     fields = ("body_ipos",)
+    confused_with = ("encoder_offset", "gravity_tilt")
     remedy = "hold still in poses over the full range"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:

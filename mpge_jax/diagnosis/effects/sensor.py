@@ -21,6 +21,7 @@ class EncoderOffset(_Sensor):
     equation = "measured q = q + q0"
     says = "The encoder of the {at} reads {offset} too much."
     tries = (0.0,)
+    confused_with = ("com_offset",)
     remedy = "hold still in poses over the full range; compare with a mechanical stop"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -39,6 +40,7 @@ class SensorDelay(_Sensor):
     equation = "measured q(t - T)"
     says = "The encoder of the {at} reports {delay} late."
     tries = (0.5, 2.0, 6.0)
+    confused_with = ("actuator_delay",)
     remedy = "compare command and response with a second, faster sensor"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:

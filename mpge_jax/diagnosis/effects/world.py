@@ -41,6 +41,7 @@ class GravityTilt(Effect):
     says = "Gravity is tilted by {angle} against the model: the base is not level."
     tries = (0.0,)
     fields = ("opt.gravity",)
+    confused_with = ("com_offset", "actuator_bias")
     remedy = "turn the base, or hold still in many poses"
 
     def places(self, ctx: Context) -> list[Place]:
@@ -84,6 +85,7 @@ class ExternalForce(Effect):
     says = "A constant outside force of {force} acts on {at}."
     tries = (0.0,)
     fields = ("opt.gravity",)
+    confused_with = ("actuator_bias", "quadratic_drag")
     remedy = "repeat the motion with the base turned to another heading"
 
     def places(self, ctx: Context) -> list[Place]:
@@ -150,6 +152,7 @@ class ContactFriction(_Contact):
     id = "contact_friction"
     equation = "sliding friction mu of every geom, or of one"
     fields, pair_columns = ("geom_friction", "pair_friction"), 2
+    confused_with = ("viscous_damping",)
     remedy = "push until it slides"
     ratios = (0.85, 0.6, 0.4, 0.25, 0.1, 1.3, 1.8)
 
@@ -167,6 +170,7 @@ class ContactStiffness(_Contact):
     equation = "time constant of the contact's spring and damper (solref)"
     says = "Contacts yield with a time constant of {time_constant}, not the model's."
     fields = ("geom_solref", "pair_solref")
+    confused_with = ("payload_mass",)
     remedy = "drops from several heights"
     ratios = (0.5, 0.75, 1.4, 2.0, 3.0, 5.0)
 

@@ -16,15 +16,25 @@ def summary(table: dict[str, Any]) -> str:
     if table["effects"]:
         rows = [["effect", "at", "parameter", "value", "95 % interval", "error without it"]]
         parts.append(_aligned(rows + effect_rows(table)))
+    parts += [
+        textwrap.fill(f"to tell them apart: {group['separated_by']}", WIDTH) for group in table["ambiguous"]
+    ]
     fit = table["fit"]["held_out"]
     if fit["per_joint"]:
         rows = [[f"held-out error ({table['fit']['unit']})", "model as given", "corrected"]]
-        rows += [[name, f"{a:.3g}", f"{b:.3g}"] for name, (a, b) in fit["per_joint"].items()]
+        errors = dict(fit["per_joint"])
+        if len(errors) > 1:
+            errors["all together"] = [fit["before"], fit["after"]]
+        rows += [[name, *map(_number, pair)] for name, pair in errors.items()]
         parts.append(_aligned(rows))
         of = "the force" if "N" in table["fit"]["unit"] else f"{table['fit']['window_s']:g} s pieces"
         parts.append(f"(rms over {of} of {', '.join(fit['recordings'])})")
     parts += [textwrap.fill(f"warning: {w}", WIDTH) for w in table["warnings"]]
     return "\n\n".join(map(_printable, parts))
+
+
+def _number(x: float | None) -> str:
+    return "unknown" if x is None else f"{x:.3g}"
 
 
 def _aligned(rows: list[list[str]]) -> str:

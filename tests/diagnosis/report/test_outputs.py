@@ -151,11 +151,12 @@ def test_candidates_are_told_in_one_sentence():
     fits = [
         Fitted(Hypothesis.of(t), np.array([0.05]), np.zeros(1), np.array([[1e-8]])) for t in (friction, bias)
     ]
+    payload = Term("payload_mass", Place("body", "arm", 1))
     rival = Rival(bias, fits[1], 0.0, 0.1, "", True)
     errors = SimpleNamespace(rms=0.1)
     d = SimpleNamespace(
         terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None,
-        remainder=0.0,
+        remainder=0.0, error_drop={friction: 0.9, payload: 0.5},
         prepared=SimpleNamespace(
             model=ctx.model, measured=np.zeros(1, bool), train=()
         ),
@@ -169,11 +170,17 @@ def test_candidates_are_told_in_one_sentence():
         "the actuator motor adds a constant 0.05000 N m to what it is told"
     )
     # a name is written as in the model, but at the beginning of a sentence
-    payload = Term("payload_mass", Place("body", "arm", 1))
     heavy = Fitted(Hypothesis.of(payload), np.full(4, 0.5), np.zeros(4), 1e-8 * np.eye(4))
     d.rivals = {friction: [Rival(payload, heavy, 0.0, 0.1, "", True)]}
     assert "lacks, or arm carries" in explanation(d)
     d.terms, d.fit, d.rivals = (payload,), heavy, {}
+    assert explanation(d).startswith("Arm carries")
+    # what takes more of the error away comes first
+    both = Hypothesis.of(payload, friction)
+    d.terms = both.terms
+    d.fit = Fitted(both, np.append(np.full(4, 0.5), 0.05), np.zeros(5), 1e-8 * np.eye(5))
+    assert explanation(d).startswith("The hinge has dry friction")
+    d.error_drop = {friction: np.nan, payload: 0.5}
     assert explanation(d).startswith("Arm carries")
 
 

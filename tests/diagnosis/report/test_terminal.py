@@ -29,9 +29,12 @@ TABLE = {
         "window_s": 0.5,
         "held_out": {
             "recordings": ["run_7"],
+            "before": 0.0382,
+            "after": None,
             "per_joint": {"elbow": [0.0531, 0.00295], "wrist": [0.01, 0.02]},
         },
     },
+    "ambiguous": [{"candidates": [], "separated_by": "move both ways at several speeds", "experiment": None}],
     "warnings": ["the clock of run_7 jumps."],
 }
 
@@ -46,11 +49,13 @@ def test_verdict_effects_errors_and_warnings_stand_in_columns():
     # one effect of two parameters is named once, and what it takes away told once
     assert table[1].index("static") == table[0].index("coulomb") and "times" not in table[1]
     (head,) = [x for x in lines if x.startswith("held-out error (rad)")]
-    for name, given, corrected in (("elbow", "0.0531", "0.00295"), ("wrist", "0.01", "0.02")):
+    shown = (("elbow", "0.0531", "0.00295"), ("wrist", "0.01", "0.02"), ("all together", "0.0382", "unknown"))
+    for name, given, corrected in shown:
         (row,) = [x for x in lines[lines.index(head) :] if x.startswith(name)]
         assert row.index(given) == head.index("model as given") and row.index(corrected) == head.index(
             "corrected"
         )
+    assert "to tell them apart: move both ways at several speeds" in lines
     assert "(rms over 0.5 s pieces of run_7)" in lines and lines[-1] == "warning: the clock of run_7 jumps."
 
 
@@ -59,5 +64,5 @@ def test_what_a_terminal_would_obey_is_not_printed():
 
 
 def test_nothing_is_said_of_effects_where_there_are_none():
-    text = summary({**TABLE, "verdict": "none", "effects": [], "warnings": []})
-    assert "interval" not in text and "warning" not in text and "model as given" in text
+    text = summary({**TABLE, "verdict": "none", "effects": [], "ambiguous": [], "warnings": []})
+    assert "interval" not in text and "apart" not in text and "warning" not in text and "model as given" in text

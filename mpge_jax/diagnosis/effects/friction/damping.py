@@ -24,6 +24,7 @@ class ViscousDamping(Effect):
     equation = "-b v"
     says = "The {at} has viscous damping of {coefficient} that the model lacks."
     fields = ("dof_damping",)
+    confused_with = ("coulomb_friction", "quadratic_drag", "back_emf")
     remedy = "move the joint at three speeds over a decade in both directions, then let it coast unpowered"
 
     def places(self, ctx: Context) -> list[Place]:
@@ -79,6 +80,7 @@ class QuadraticDrag(Effect):
     equation = "-d v |v| (of a body: at its centre of mass)"
     says = "{at} is slowed by a drag of {coefficient} times the square of its speed."
     fields = ("dof_dampingpoly",)
+    confused_with = ("viscous_damping",)
     remedy = "cover a wide range of speeds"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:

@@ -37,6 +37,7 @@ class CoulombFriction(_Dry):
     id = "coulomb_friction"
     equation = "-Fc sgn v"
     says = "The {at} has dry friction of {torque} that the model lacks."
+    confused_with = ("viscous_damping", "actuator_deadzone", "backlash")
     remedy = "reverse the joint slowly many times, and also move it fast"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -55,6 +56,7 @@ class StribeckFriction(_Dry):
         "The {at} has dry friction that the model lacks: {static} to break loose, {coulomb} when it moves faster than "
         "about {velocity} (Stribeck)."
     )
+    confused_with = ("coulomb_friction", "load_dependent_friction", "cogging_torque")
     remedy = "ramp the joint very slowly through zero speed, several times in each direction"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -97,6 +99,7 @@ class LoadDependentFriction(_Dry):
     id, tier, runtime, order = "load_dependent_friction", 2, True, 7
     equation = "-(Fc + Kl |load|) sgn v, load = actuator force times gear"
     says = "The {at} has dry friction of {coulomb} plus {load_coefficient} times the torque that its drive gives."
+    confused_with = ("coulomb_friction", "stribeck_friction", "actuator_gain")
     remedy = "make the same motion with two loads, lifting and lowering"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -142,6 +145,7 @@ class AsymmetricFriction(_Dry):
         "The {at} has friction that differs by direction: dry {coulomb_forward} and viscous {viscous_forward} "
         "forwards, dry {coulomb_backward} and viscous {viscous_backward} backwards."
     )
+    confused_with = ("actuator_bias", "coulomb_friction")
     remedy = "move both ways at several speeds"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
