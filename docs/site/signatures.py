@@ -81,7 +81,9 @@ def given_trace(xml: str = PENDULUM, pushed: bool = True, column: int = 0) -> Tr
     return trace([], xml, pushed, column)
 
 
-def trace(effects: list[dict[str, object]], xml: str = PENDULUM, pushed: bool = True, column: int = 0) -> Trace:
+def trace(
+    effects: list[dict[str, object]], xml: str = PENDULUM, pushed: bool = True, column: int = 0
+) -> Trace:
     """The machine with effects, and what the model without them lacks along its motion.
 
     Args:
@@ -99,11 +101,13 @@ def trace(effects: list[dict[str, object]], xml: str = PENDULUM, pushed: bool = 
         machine.step(np.array([u]))
     time, position, u = (np.array(x) for x in zip(*rows, strict=True))
     velocity = np.gradient(position, time)
-    return Trace(time, position, velocity, u, _missing(position, velocity, np.gradient(velocity, time), u, xml))
+    return Trace(
+        time, position, velocity, u, _missing(position, velocity, np.gradient(velocity, time), u, xml)
+    )
 
 
 def _missing(q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray, xml: str) -> np.ndarray:
-    """Torque that the motion needs beyond the motor's, by the model's inverse dynamics; 0 for machines of more joints."""
+    """Torque that the motion needs beyond the motor's, by inverse dynamics; 0 for machines of more joints."""
     model = mujoco.MjModel.from_xml_string(xml)
     if model.nv > 1:
         return np.zeros_like(q)
@@ -177,7 +181,10 @@ def _drawn(p: _Panel, left: float) -> str:
         ys = y0 + h * (1 - (np.clip(curve, *high) - high[0]) / (high[1] - high[0]))
         kind = "true" if k == len(p.curves) - 1 else "given"
         if p.points:
-            lines += [f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="1.3"/>' for x, y in zip(xs, ys, strict=True)]
+            lines += [
+                f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="1.3"/>'
+                for x, y in zip(xs, ys, strict=True)
+            ]
         else:
             path = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(xs, ys, strict=True))
             lines.append(f'<polyline class="{kind}" points="{path}"/>')

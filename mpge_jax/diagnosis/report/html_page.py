@@ -188,8 +188,8 @@ def page(
 <p class="quiet">Root-mean-square error of {predicted(d, table)}, over {len(held["recordings"])} held-out
 {"recording" if len(held["recordings"]) == 1 else "recordings"}; {escape(noise)}.</p>
 {table_of(columns, joints)}</div></div>
-{_effects(table)}{pasted(*models)}{_not_native(effects)}{_drives(d)}{_ambiguous(table, experiment)}{_unexplained(d)}
-{whole(d, figures)}
+{_effects(table)}{_ambiguous(table, experiment)}{_unexplained(d)}{whole(d, figures)}{_drives(d)}
+{pasted(*models)}{_not_native(effects)}
 <h2>Closer</h2><p class="quiet">{close(d)}</p>
 {image(figures["prediction"], "held-out motion, predicted before and after")}
 <div class="row"><div>{image(figures["errors"], "errors by joint")}</div>

@@ -65,4 +65,6 @@ def test_what_a_terminal_would_obey_is_not_printed():
 
 def test_nothing_is_said_of_effects_where_there_are_none():
     text = summary({**TABLE, "verdict": "none", "effects": [], "ambiguous": [], "warnings": []})
-    assert "interval" not in text and "apart" not in text and "warning" not in text and "model as given" in text
+    assert (
+        "interval" not in text and "apart" not in text and "warning" not in text and "model as given" in text
+    )

@@ -1,0 +1,102 @@
+"""What the pages of the documentation say is so: commands are understood, links and names exist, effects are drawn."""
+
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tyro
+
+from experiments import benchmark, diagnose, facts, inspect, new, pretrain, results, sweep, tuning
+from experiments.demo import __main__ as demo
+from mpge_jax.diagnosis.effects import REGISTRY, VOCABULARY
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+BY_TYRO = {
+    "demo": demo, "sweep": sweep, "benchmark": benchmark, "results": results, "pretrain": pretrain, "new": new,
+    "facts": facts, "tuning": tuning,
+}  # fmt: skip
+BY_ARGPARSE = {"diagnose": diagnose, "inspect": inspect}
+STANDS_FOR = {"TASK": "Hopper", "KIND": "MS"}
+
+
+def commands() -> Iterator[tuple[str, str, list[str]]]:
+    """Page, what Python is to run, and its arguments."""
+    for page in PAGES:
+        text = page.read_text("utf-8")
+        for what, rest in re.findall(r"python (-m [\w.]+|docs/\w+\.py)([^`\n]*)", text):
+            arguments = shlex.split(rest.partition("#")[0].partition("-->")[0])
+            yield page.name, what.removeprefix("-m "), [STANDS_FOR.get(a, a) for a in arguments]
+
+
+def test_every_command_is_understood():
+    seen = set()
+    for page, what, arguments in commands():
+        seen.add(what)
+        name = what.removeprefix("experiments.")
+        where = f"{page}: {what} {' '.join(arguments)}"
+        if not arguments and name in {**BY_TYRO, **BY_ARGPARSE}:
+            continue  # a tool that is mentioned
+        if name in BY_TYRO:
+            assert tyro.cli(BY_TYRO[name].Args, args=arguments) is not None, where
+        elif name in BY_ARGPARSE:
+            if "--list-effects" not in arguments:
+                BY_ARGPARSE[name].parser().parse_args(arguments)
+        elif what == "pytest":
+            paths = [a for a in arguments if "/" in a]
+            assert all((ROOT / a.partition("::")[0]).exists() for a in paths), where
+        else:
+            file = what if what.endswith(".py") else what.replace(".", "/") + ".py"
+            assert (ROOT / file).is_file(), where
+    assert {"experiments.demo", "experiments.diagnose", "experiments.sweep", "docs/draw_report.py"} <= seen
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_links_targets_extras_and_scripts_exist(page):
+    text = page.read_text("utf-8")
+    for target in re.findall(r"\]\((?!https?:|#)([^)#\s]+)", text):
+        generated = page.parent.name == "docs" and target == "effects.md"
+        assert generated or (page.parent / target).exists(), f"{page.name} links to {target}"
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    assert set(re.findall(r"(?:`|^ {4})make ([a-z-]+)", text, re.MULTILINE)) <= targets
+    for extra in re.findall(r"pip install -e ['\"]\.\[(\w+)\]", text):
+        assert extra in PROJECT["optional-dependencies"]
+    assert set(re.findall(r"`(mpge-\w+)`", text)) <= set(PROJECT["scripts"])
+
+
+def test_every_page_is_reached_from_the_navigation():
+    named = set(re.findall(r": (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE))
+    pages = {str(p.relative_to(ROOT / "docs")) for p in (ROOT / "docs").rglob("*.md")}
+    assert named == pages | {"index.md", "effects.md"}
+
+
+@pytest.fixture
+def signatures(monkeypatch):
+    """The module that draws what effects do."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    import signatures
+
+    return signatures
+
+
+def test_every_effect_is_drawn_and_says_what_it_is_confused_with(signatures):
+    assert set(signatures.SIZES) == set(VOCABULARY)
+    for name in VOCABULARY:
+        others = REGISTRY[name].confused_with
+        assert others and set(others) <= set(VOCABULARY) - {name}, name
+
+
+def test_signatures_show_the_torque_that_is_missing(signatures):
+    row = {"id": "coulomb_friction", "at": "hinge", "kind": "joint", "parameters": {"torque": 0.3}}
+    t = signatures.trace([row])
+    for sign in (1, -1):
+        moving = sign * t.velocity > 1.0
+        assert moving.sum() > 20
+        assert np.median(t.missing[moving]) == pytest.approx(-0.3 * sign, abs=0.02)
+    text = signatures.signature("contact_stiffness")
+    assert text.count("<polyline") == 2 and "height (m)" in text and "nan" not in text
