@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mpge_jax import loop
+from mpge_jax import loop, progress
 
 ROOT = Path(__file__).resolve().parent.parent
 IDENTITY = {"rate": 0.5, "widths": (3, 4)}
@@ -305,3 +305,15 @@ def test_a_run_killed_at_a_random_moment_ends_with_the_same_bits(tmp_path):
     assert 0 < done < ITERATIONS
     print(f"killed {delay:.3f} s after its first checkpoint, at iteration {done}")
     assert_same_bits(looped(done + 3, folder), looped(done + 3))
+
+
+def test_the_time_left_leaves_the_first_step_out(monkeypatch, capsys):
+    clock = iter([0.0, 100.0, 101.0, 102.0, 103.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    with progress.ProgressBar("work", 6, seconds_between_lines=0.0) as bar:
+        for _ in range(4):
+            bar.advance()
+    lines = capsys.readouterr().err.splitlines()
+    assert [x.rstrip() for x in lines] == [
+        "work: 1/6", "work: 2/6, 4 s left", "work: 3/6, 3 s left", "work: 4/6, 2 s left",
+    ]  # fmt: skip

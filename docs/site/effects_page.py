@@ -53,8 +53,8 @@ def _section(name: str, ctx: Context) -> str:
         ("confused with", others or "nothing"),
         ("what separates them", effect.remedy),
     ]
-    table = "\n".join(f"| {a} | {b.replace('|', chr(92) + '|')} |" for a, b in rows if b)
-    return f"## {_title(name)} {{ #{name} }}\n\n`{name}`\n\n| | |\n|---|---|\n{table}\n\n{signature(name)}\n"
+    table = "\n".join(f"| {a} | {b} |" for a, b in [("identifier", f"`{name}`"), ("---", "---"), *rows])
+    return f"## {_title(name)} {{ #{name} }}\n\n{table}\n\n{signature(name)}\n"
 
 
 def _title(name: str) -> str:

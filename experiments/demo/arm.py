@@ -12,7 +12,7 @@ from envs import Env, Task, Variant, build_model, engine_of
 from mpge_jax.diagnosis import Recording
 
 XML = """<mujoco model="arm">
-<option timestep="0.005" integrator="implicitfast"/>
+<compiler angle="radian"/><option timestep="0.005" integrator="implicitfast"/>
 <default><geom contype="0" conaffinity="0"/></default>
 <worldbody>
 <geom type="cylinder" fromto="0 -.06 0 0 .06 0" size=".06" rgba=".5 .5 .5 1"/>
@@ -134,7 +134,7 @@ def target(hidden: Concealed) -> Env:
 
 def recordings(hidden: Concealed, seed: int) -> list[Recording]:
     """Six recordings of 4 s at 100 Hz, the last two held out: both motors driven by sums of sines, angles measured with
-    a noise of 0.5 mrad."""
+    a noise of 1 mrad."""
     model, rng = target(hidden).model, np.random.default_rng((seed, 1))
     return [_recording(model, rng, f"heldout_{k}" if k > 3 else f"run_{k}") for k in range(6)]
 
@@ -145,7 +145,7 @@ def _recording(model: mujoco.MjModel, rng: np.random.Generator, name: str) -> Re
     time = np.arange(401) / 100
     frequency = rng.uniform([[0.2], [0.5], [1.0]], [[0.5], [1.0], [2.0]], (3, 2))
     phase, share = rng.uniform(0, 2 * np.pi, (3, 2)), np.array([[0.5], [0.3], [0.2]])
-    command = np.array([8.0, 3.0]) * (
+    command = np.array([5.0, 1.5]) * (
         share * np.sin(2 * np.pi * frequency * time[:, None, None] + phase)
     ).sum(1)
     qpos = np.zeros((time.size, 2))
@@ -153,4 +153,4 @@ def _recording(model: mujoco.MjModel, rng: np.random.Generator, name: str) -> Re
         qpos[row] = data.qpos
         data.ctrl[:] = u
         mujoco.mj_step(model, data, round(0.01 / model.opt.timestep))
-    return Recording(name, time, qpos + 5e-4 * rng.standard_normal(qpos.shape), None, command)
+    return Recording(name, time, qpos + 1e-3 * rng.standard_normal(qpos.shape), None, command)

@@ -68,11 +68,10 @@ def _concealed(arm: Simulated) -> str:
 
 
 def _policies(arm: Simulated, out: Path) -> str:
-    mean = {name: float(np.mean(r["target"])) for name, r in arm.returns.items()}
-    spread = {name: float(np.std(r["target"])) for name, r in arm.returns.items()}
+    returns = {name: np.array(r["target"], float) for name, r in arm.returns.items()}
     blocks = "".join(
-        f"<div><b>{mean[name]:.1f} ± {spread[name]:.1f}</b>trained in the simulator {escape(name)}</div>"
-        for name in mean
+        f"<div><b>{r.mean():.1f} ± {r.std():.1f}</b>trained in the simulator {escape(name)}</div>"
+        for name, r in returns.items()
     )
     return (
         '<div class="row"><div>'

@@ -207,7 +207,8 @@ def test_report_is_self_contained_and_escaped(result):
     page = _Page()
     page.feed(text)
     assert "script" not in page.tags and "&lt;script&gt;" in text
-    assert len(page.images) == 6
+    assert len(page.images) == 6 and "Whole held-out recordings" in text
+    assert "@media (prefers-color-scheme:dark)" in text and "@media print" in text
     for source in page.images:
         assert base64.b64decode(source.removeprefix("data:image/png;base64,"))[:4] == b"\x89PNG"
     assert not re.search(r'(?:src|href)="https?:', text)
@@ -351,11 +352,13 @@ def test_every_verdict_is_written_in_the_same_form(verdict, tmp_path):
     else:
         assert table["ambiguous"] == [] and table["effects"] == []
     page = (tmp_path / "report.html").read_text()
-    assert f'<span class="badge {verdict}">' in page and page.count("data:image/png") == 5
+    assert f'<span class="badge {verdict}">' in page and page.count("data:image/png") == 6
+    # where nothing was corrected there is nothing to set beside the model as given
+    assert ("<th>corrected</th>" in page) is (verdict == "ambiguous")
     assert "What it was given" in page and all(f"<td>{r.name}</td>" in page for r in recordings)
     if d.warnings:
         assert all(html.escape(w) in page for w in d.warnings)
-        assert page.index("Take note") < page.index("Prediction against measurement")
+        assert page.index("Take note") < page.index("Whole held-out recordings")
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "corrected.xml")).nv == 1
 
 
