@@ -14,7 +14,7 @@ from experiments import benchmark, diagnose, facts, inspect, new, pretrain, resu
 from experiments.demo import __main__ as demo
 from mpge_jax.diagnosis.effects import REGISTRY, VOCABULARY
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 BY_TYRO = {
