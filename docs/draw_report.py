@@ -12,7 +12,7 @@ from pathlib import Path
 
 from PIL import Image
 
-WIDTH, HEIGHT, COLOURS = 1000, 900, 64
+WIDTH, HEIGHT, COLOURS = 1000, 965, 64
 TO = Path(__file__).parent / "images" / "report.png"
 
 

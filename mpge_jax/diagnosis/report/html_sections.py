@@ -90,9 +90,7 @@ def close(d: Result) -> str:
     """What the figure of short stretches shows."""
     if isinstance(d.held, ForceErrors):
         return "A few seconds, over time and over the joint's position: dry friction is a step where a joint turns."
-    return (
-        "Pieces of usual difficulty, each from an estimated state: by these errors the effects were judged."
-    )
+    return "Pieces of usual difficulty, each predicted from an estimated state; the errors above are over such pieces."
 
 
 def predicted(d: Result, table: dict[str, Any]) -> str:
