@@ -62,6 +62,7 @@ def demo(args: Args) -> Path:
             raise ValueError(
                 f"{args.out} holds the demonstration of seed {kept.read_text().strip()}; give another --out."
             )
+        resumed = kept.exists()
         files.write_text(kept, f"{args.seed}\n")
         machine = args.out / "machine"
         # Mostly one thread each: both diagnoses together take little longer than one.
@@ -77,7 +78,8 @@ def demo(args: Args) -> Path:
                 beside.terminate()
                 beside.wait()
         path = args.out / PAGE
-        files.write_text(path, page.page(arm, args.out, MACHINE, time.monotonic() - started))
+        seconds = None if resumed else time.monotonic() - started
+        files.write_text(path, page.page(arm, args.out, MACHINE, seconds))
     return path
 
 

@@ -20,19 +20,20 @@ EFFECTS = 8
 """Rows of the real machine's effects that are shown."""
 
 
-def page(arm: Simulated, out: Path, machine: Path, seconds: float) -> str:
+def page(arm: Simulated, out: Path, machine: Path, seconds: float | None) -> str:
     """HTML of the page; pictures are within it, links lead to files beside it.
 
     Args:
         arm: what came of the simulated arm. out: the folder with both diagnoses. machine: the real machine's files.
-        seconds: how long it took.
+        seconds: how long all of it took, if that is known.
     """
     log = json.loads((out / "machine" / "diagnosis.json").read_text())
+    took = "" if seconds is None else f", in {seconds / 60:.1f} minutes"
     returns_figure(arm.returns, out / "returns.png")
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>mpge_jax: a demonstration</title><link rel="icon" href="data:,"><style>{STYLE}</style></head><body><main>
-<h1>mpge_jax: a demonstration, in {seconds / 60:.1f} minutes</h1>
+<h1>mpge_jax: a demonstration{took}</h1>
 {_concealed(arm)}
 {_policies(arm, out)}
 {_whole(out / "arm", "The arm, recorded and simulated")}

@@ -58,7 +58,7 @@ def whole(d: Result, e: ForceErrors, path: Path) -> Path:
     axes = figure.subplots(len(shown) * len(tracks), 1, squeeze=False)[:, 0]
     m, names = d.prepared.model, d.prepared.names
     first = 0
-    for k, (track, source) in enumerate(zip(tracks, d.prepared.held_sources, strict=False)):
+    for k, (track, source) in enumerate(zip(tracks, d.prepared.test, strict=False)):
         rows = slice(first, first + len(track.time))
         first += len(track.time)
         time = source.recording.shown_origin + track.time

@@ -43,7 +43,7 @@ class Whole:
 def whole_recordings(d: Result) -> list[Whole]:
     """Predictions of the first held-out recordings."""
     p, out = d.prepared, []
-    for source in p.held_sources[:RECORDINGS]:
+    for source in p.test[:RECORDINGS]:
         length = min(_unbroken(source.recording) - settling(source, p.model), STEPS * p.dt)
         rng = np.random.default_rng(0)
         w = cut((source,), p.model, p.noise, length, 1, p.dt, rng, ROWS)
