@@ -51,6 +51,7 @@ def test_table_says_which_effects_of_a_drive_the_corrected_model_holds():
     d = SimpleNamespace(
         prepared=SimpleNamespace(spec=spec),
         fit=NOTHING,
+        residual=None,
         ctx=ctx,
         terms=(),
         actuators=ActuatorSide(ctx, [f]),
@@ -156,7 +157,7 @@ def test_candidates_are_told_in_one_sentence():
     errors = SimpleNamespace(rms=0.1)
     d = SimpleNamespace(
         terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None,
-        remainder=0.0, error_drop={friction: 0.9, payload: 0.5},
+        remainder=0.0, residual=None, error_drop={friction: 0.9, payload: 0.5},
         prepared=SimpleNamespace(
             model=ctx.model, measured=np.zeros(1, bool), train=()
         ),
