@@ -10,14 +10,6 @@ import effects_page
 
 ROOT = Path(__file__).parents[2]
 GENERATED = ("index.md", "effects.md")
-SCALE = "scale.md"
-
-
-def on_config(config: Any) -> Any:
-    """Adds the page on scale to the navigation, where it was written."""
-    if (ROOT / "docs" / SCALE).exists():
-        config.nav.append({"Scale": SCALE})
-    return config
 
 
 def on_files(files: Any, config: Any) -> Any:
