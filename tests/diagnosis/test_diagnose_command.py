@@ -173,7 +173,7 @@ def test_models_are_written_with_the_files_they_need(tmp_path):
     xml = PENDULUM.replace("<mujoco>", asset).replace("</body></worldbody>", tip)
     (source / "model.xml").write_text(xml)
     given = SimpleNamespace(spec=load_spec(source / "model.xml"))
-    write_models(SimpleNamespace(prepared=given, fit=NOTHING, ctx=None, actuators=None), out)
+    write_models(SimpleNamespace(prepared=given, fit=NOTHING, ctx=None, actuators=None, residual=None), out)
     shutil.rmtree(source)
     for name in ("nominal.xml", "corrected.xml"):
         assert mujoco.MjModel.from_xml_path(str(out / name)).nmesh == 1

@@ -47,6 +47,8 @@ def _thin(recordings: list[Recording], warnings: list[str]) -> list[Recording]:
     total = sum(r.time.size for r in recordings)
     if total <= MAX_ROWS:
         return recordings
+    begins = [int(np.searchsorted(r.time, r.time[0] + r.before - 1e-9)) for r in recordings]
+    recordings = [rows_of(r, slice(k, None), r.name) for r, k in zip(recordings, begins, strict=True)]
     warnings.append(
         f"{total} rows are more than needed; evenly spread stretches of {MAX_ROWS} rows are used."
     )
@@ -82,7 +84,8 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     parts = three_parts(recordings, config.held_out, rng, chosen)
     warnings += parts.warnings
     tests = {r.name for r in parts.test}
-    check_copies([r for r in recordings if r.name not in tests], parts.test, warnings)
+    whole = [r for r in parts.test if not r.part_of]
+    check_copies([r for r in recordings if r.name not in tests], whole, warnings)
     check_commands(recordings, measured, names)
     check_base(recordings, plain, names)
     check_forces(recordings, measured, names, warnings)
@@ -103,10 +106,10 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     sim = Simulator(model, ctx, threads=config.jobs)
     seen = together[:looked_at]
     short, estimated = max(r.time.size for r in seen) < MIN_ROWS, noise
-    whole = short and holds_states(seen, model, noise)
-    if whole:
+    by_rows = short and holds_states(seen, model, noise)
+    if by_rows:
         noise = as_large_as_motion(seen, noise)
-    if whole or is_coarse(seen, model, noise):
+    if by_rows or is_coarse(seen, model, noise):
         known = all_terms(ctx, config.effects)
         terms = [t for t in known if t.effect.simulated and not t.effect.senses]
         noise = bound(sim, sources[: len(train)], noise, terms, dt, config.seed)

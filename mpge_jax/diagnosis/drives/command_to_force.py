@@ -188,7 +188,7 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         count = 0
         for part in PARTS:
             for s in getattr(p, part):
-                log = log_of(s, ctx, int(a), dt, count)
+                log = log_of(s, ctx, int(a), dt, count, s.spent)
                 if log is not None:
                     logs[part].append(log)
                     count = int(log.block.max()) + 1

@@ -62,13 +62,18 @@ def tracks(
     p: Prepared, sources: tuple[Source, ...], most: int, resolution: Resolution = Resolution()
 ) -> list[Track]:
     """All recordings, at every row or at evenly spread ones so that there are at most `most`."""
-    total = sum(s.recording.time.size - 2 * EDGE for s in sources)
+    total = sum(s.recording.time.size - _first(s) - EDGE for s in sources)
     stride = max(1, int(np.ceil(total / most)))
     return [_track(p, s, stride, resolution) for s in sources]
 
 
+def _first(s: Source) -> int:
+    """The first row of a recording that is shown and whose acceleration is known well."""
+    return max(EDGE, int(np.searchsorted(s.recording.time, s.recording.time[0] + s.spent - 1e-9)))
+
+
 def _track(p: Prepared, s: Source, stride: int, resolution: Resolution) -> Track:
-    rows = slice(EDGE, s.recording.time.size - EDGE, stride)
+    rows = slice(_first(s), s.recording.time.size - EDGE, stride)
     x, r = s.states, s.recording
     v, a, unsure = x.qvel, x.qacc, np.sqrt(np.maximum(x.cov[..., 1, 1], 0.0))
     unsure = np.maximum(unsure, resolution.still * p.ctx.speed)

@@ -126,7 +126,8 @@ def with_zeros(p: Prepared, zeros: dict[str, Array]) -> Prepared:
         if s.recording.log not in zeros:
             return s
         less = _less(s, zeros[s.recording.log])
-        return less if s.recording.log in told else less.rebuilt(spent=FIRST * s.recording.duration)
+        told_by = 0.0 if s.recording.log in told else FIRST * s.recording.duration
+        return less.rebuilt(spent=max(s.spent, told_by))
 
     return p.mapped(again)
 

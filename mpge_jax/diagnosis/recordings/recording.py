@@ -37,6 +37,7 @@ class Recording:
         origin: s to add to `time` for the log's own clock.
         earlier: the same log up to the first row, where that is known.
         part_of: name of the log of which this is a stretch; none of a whole one.
+        before: s at its beginning that belong to another part of the log: they say how what follows began.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Recording:
     origin: float = 0.0
     earlier: Recording | None = field(default=None, compare=False, repr=False)
     part_of: str = ""
+    before: float = 0.0
 
     @property
     def log(self) -> str:
@@ -82,6 +84,7 @@ def rows_of(r: Recording, rows: slice, name: str) -> Recording:
         earlier=rows_of(r, slice(0, first + 1), name) if first > 0 else r.earlier,
         name=name,
         part_of=r.log,
+        before=max(0.0, r.before - float(r.time[first] - r.time[0])),
         time=r.time[rows],
         qpos=r.qpos[rows],
         qvel=cut(r.qvel),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -112,10 +112,12 @@ def _apart(
 
 
 def _cut(r: Recording, share: float, name: str) -> tuple[Recording, Recording | None]:
-    """A recording and its last stretch, of that name; None for that where the recording is too short."""
+    """A recording and its last stretch, of that name; None for that where the recording is too short. The stretch keeps
+    what came before it, which says how it began."""
     rows = r.time.size
     if rows < 2 * FEWEST_ROWS:
         return r, None
     row = int(np.searchsorted(r.time, r.time[0] + r.duration * (1 - share)))
     row = min(max(row, FEWEST_ROWS - 1), rows - FEWEST_ROWS)
-    return rows_of(r, slice(0, row + 1), r.name), rows_of(r, slice(row, None), name)
+    last = replace(r, name=name, part_of=r.log, before=float(r.time[row] - r.time[0]))
+    return rows_of(r, slice(0, row + 1), r.name), last

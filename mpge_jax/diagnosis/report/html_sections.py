@@ -48,7 +48,8 @@ def given(d: Result) -> str:
 def _row(s: Source, part: str) -> list[str]:
     r = s.recording
     rate = 1.0 / float(np.median(np.diff(r.time)))
-    return [escape(r.name), part, f"{r.duration:.3g}", f"{rate:.3g}", f"{r.time.size}"]
+    rows = int((r.time >= r.time[0] + s.spent - 1e-9).sum())
+    return [escape(r.name), part, f"{r.duration - s.spent:.3g}", f"{rate:.3g}", f"{rows}"]
 
 
 def changes(nominal: str, corrected: str) -> list[str]:

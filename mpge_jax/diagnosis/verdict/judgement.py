@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, by_command
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.whitening import (
     INTEGRATOR,
+    KAPPA,
     LATE,
     NUISANCE,
     STEP,
@@ -32,8 +33,9 @@ from mpge_jax.diagnosis.verdict.remainder_description import SLIGHT, describe
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
-FAR = 3.0
-"""Times what noise leaves from which on an error is not nothing, whatever the search found."""
+FAR = 2.0 * KAPPA
+"""Times what noise leaves from which on an error is not nothing, whatever the search found: twice as far as starts may
+be known worse than they are said to be."""
 SURE, MOST = 6.0, 3.0
 """Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
 they may be."""
@@ -125,7 +127,9 @@ def judge(
         s.say("modelling what is left")
         residual = residual_of_motion(p, s, found.fit, unexplained["at"], held)
     if unexplained is None:
-        note_numerics(p, found.fit, p.windows("choice", p.config.report_s, WINDOWS["choice"], seed=1))
+        note_numerics(
+            p, found.fit, p.all_to_train().windows("train", p.config.report_s, WINDOWS["choice"], seed=1)
+        )
     if drives is not None:
         unexplained = together([unexplained, *drives.left])
     drop = error_drops(p, found.fit, held)

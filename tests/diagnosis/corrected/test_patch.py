@@ -160,7 +160,7 @@ def result(path, effects):
     model = ctx.model
     prepared = SimpleNamespace(spec=load_spec(path), timestep=float(model.opt.timestep))
     fit = SimpleNamespace(hypothesis=h, theta=h.gather(ctx, values))
-    return SimpleNamespace(prepared=prepared, ctx=ctx, fit=fit, actuators=None, model=path)
+    return SimpleNamespace(prepared=prepared, ctx=ctx, fit=fit, actuators=None, residual=None, model=path)
 
 
 def test_the_files_of_a_urdf(tmp_path):

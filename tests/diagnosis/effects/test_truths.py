@@ -159,12 +159,12 @@ def test_late_commands_have_moved_filters_before_a_window_begins(effect, paramet
     for k in range(3):
         stepper.reset(np.array([0.1 * k]), np.zeros(1))
         rows = []
-        for t in 0.01 * np.arange(200):
+        for t in 0.01 * np.arange(400):
             u = np.array([np.sin(7 * t + k) + 0.5 * np.sign(np.sin(11 * t))])
             rows.append((stepper.data.qpos.copy(), stepper.data.qvel.copy(), u))
             stepper.step(u, 5)
         q, v, u = (np.array(x) for x in zip(*rows, strict=True))
-        recordings.append(Recording(f"run_{k}", 0.01 * np.arange(200), q, v, u))
+        recordings.append(Recording(f"run_{k}", 0.01 * np.arange(400), q, v, u))
     spec = mujoco.MjSpec.from_string(xml)
     plain = compile_variable(spec)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))

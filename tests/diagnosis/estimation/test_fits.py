@@ -61,7 +61,7 @@ def test_the_number_of_cogs_is_found_from_a_wrong_one():
     def cogs(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
         data.qfrc_applied[0] = amplitude * np.sin(periods * data.qpos[0])
 
-    s, p = search_of(PENDULUM, record(PENDULUM, 0.5, force=cogs))
+    s, p = search_of(PENDULUM, record(PENDULUM, 0.5, force=cogs, seconds=3.0))
     term = Term("cogging_torque", HINGE)
     travel = float(np.ptp(p.ctx.samples.q[:, 0]))
     middle = float(np.median(p.ctx.samples.q[:, 0]))

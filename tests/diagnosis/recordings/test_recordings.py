@@ -288,7 +288,9 @@ def test_models_with_meshes_beside_their_folder_can_be_written(tmp_path):
     for name in ("robot.urdf", "robot.xml"):
         given = SimpleNamespace(spec=load_spec(tmp_path / "urdf" / name))
         out = tmp_path / f"out_{name}"
-        write_models(SimpleNamespace(prepared=given, fit=NOTHING, ctx=None, actuators=None), out)
+        write_models(
+            SimpleNamespace(prepared=given, fit=NOTHING, ctx=None, actuators=None, residual=None), out
+        )
         import mujoco
 
         assert mujoco.MjModel.from_xml_path(str(out / "corrected.xml")).nmesh == 1

@@ -40,8 +40,8 @@ def test_of_few_recordings_the_last_stretches_are_set_apart(count, said):
     x = three_parts(runs(*"abc"[:count]), None, np.random.default_rng(0))
     assert said in x.warnings[0] and "quarter" in x.warnings[0]
     assert [r.name for r in x.test] == [f"{r}_test" for r in "abc"[:count]]
-    assert all(r.time[0] == pytest.approx(9.0) and r.time[-1] == 12.0 for r in x.test)
-    ends = [(r.name, r.time[0], r.time[-1]) for r in (*x.train, *x.choice)]
+    assert all(r.before == pytest.approx(9.0) and r.time[-1] == 12.0 for r in x.test)
+    ends = [(r.name, r.time[0] + r.before, r.time[-1]) for r in (*x.train, *x.choice)]
     assert [n for n, *_ in ends] == [*"abc"[:count], *(f"{r}_choice" for r in "abc"[:count])]
     spans = [[0, 6]] * count + [[6, 9]] * count
     np.testing.assert_allclose([t for _, *t in ends], spans, atol=0.11)

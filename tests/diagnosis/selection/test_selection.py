@@ -194,7 +194,7 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
     for nuisance in (changes, {k: x for k, x in changes.items() if k != INTEGRATOR}):
         white = whitener(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held, s.noise, nuisance, temper=False)
         losses.append(robust_loss(white.excess(white(s.sim.residuals([nothing], s.held))[0])).mean())
-    assert losses[0] < 1.1 < 2.0 < losses[1]
+    assert losses[0] < 1.1 < 1.4 < losses[1]
     assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
 
 
@@ -202,6 +202,6 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
 def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
     """Recordings are made with a quarter of the timestep."""
     p = prepared_of(PENDULUM, record(PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
-    note_numerics(p, NOTHING, p.windows("choice", p.config.report_s, 60))
+    note_numerics(p, NOTHING, p.all_to_train().windows("train", p.config.report_s, 60))
     assert any("move as with a finer timestep" in w for w in p.warnings) == warned
     assert not any("another moment" in w for w in p.warnings)

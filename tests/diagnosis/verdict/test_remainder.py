@@ -41,8 +41,8 @@ def _flights(rotor: int) -> list[Recording]:
     ("joint", "width", "at"),
     [
         ("shoulder", 0.3, ["shoulder"]),
-        ("elbow", 0.08, ["elbow"]),
         # it lasts a fraction of a window: a constant force at the other joint does nearly as well
+        ("elbow", 0.08, ["elbow", "shoulder"]),
         ("shoulder", 0.08, ["shoulder", "elbow"]),
     ],
 )

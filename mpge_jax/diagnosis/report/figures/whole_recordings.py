@@ -44,7 +44,7 @@ def whole_recordings(d: Result) -> list[Whole]:
     """Predictions of the first held-out recordings."""
     p, out = d.prepared, []
     for source in p.test[:RECORDINGS]:
-        length = min(_unbroken(source.recording) - settling(source, p.model), STEPS * p.dt)
+        length = min(_unbroken(source.recording) - max(settling(source, p.model), source.spent), STEPS * p.dt)
         rng = np.random.default_rng(0)
         w = cut((source,), p.model, p.noise, length, 1, p.dt, rng, ROWS)
         if w.count:
