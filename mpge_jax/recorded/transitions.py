@@ -25,7 +25,7 @@ from mpge_jax.diagnosis.corrected.tasks import nominal_spec, task_of
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names, compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.recordings import reader, states
-from mpge_jax.diagnosis.recordings.recording import Recording
+from mpge_jax.diagnosis.recordings.recording import Recording, shown
 from mpge_jax.diagnosis.recordings.three_parts import three_parts
 from mpge_jax.recorded.control_steps import control_steps
 from mpge_jax.recorded.task_columns import in_order_of
@@ -114,7 +114,7 @@ def read(
     parts = three_parts(found, None, np.random.default_rng(0), chosen=False)
     notes = parts.warnings
     seen = [w for r in found for w in r.warnings]
-    cut = [_transitions(part, read_by, names, task) for part in (parts.train, parts.test)]
+    cut = [_transitions(part, read_by, names, task) for part in (parts.train, [shown(r) for r in parts.test])]
     return Recorded(cut[0][0], cut[1][0], tuple(dict.fromkeys([*notes, *seen, *cut[0][1], *cut[1][1]])))
 
 

@@ -32,7 +32,7 @@ from mpge_jax.diagnosis.recordings.checks import (
 from mpge_jax.diagnosis.recordings.clock_stamps import at_their_stamps
 from mpge_jax.diagnosis.recordings.command_lag import without_previous_commands
 from mpge_jax.diagnosis.recordings.noise_level import MIN_ROWS
-from mpge_jax.diagnosis.recordings.recording import Recording, rows_of
+from mpge_jax.diagnosis.recordings.recording import Recording, rows_of, shown
 from mpge_jax.diagnosis.recordings.states import MAX_ROWS, estimate, smoothed
 from mpge_jax.diagnosis.recordings.three_parts import three_parts
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
@@ -47,8 +47,7 @@ def _thin(recordings: list[Recording], warnings: list[str]) -> list[Recording]:
     total = sum(r.time.size for r in recordings)
     if total <= MAX_ROWS:
         return recordings
-    begins = [int(np.searchsorted(r.time, r.time[0] + r.before - 1e-9)) for r in recordings]
-    recordings = [rows_of(r, slice(k, None), r.name) for r, k in zip(recordings, begins, strict=True)]
+    recordings = [shown(r) for r in recordings]
     warnings.append(
         f"{total} rows are more than needed; evenly spread stretches of {MAX_ROWS} rows are used."
     )

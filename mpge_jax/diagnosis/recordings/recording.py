@@ -93,6 +93,12 @@ def rows_of(r: Recording, rows: slice, name: str) -> Recording:
     )
 
 
+def shown(r: Recording) -> Recording:
+    """The recording without the rows that belong to another part of its log."""
+    first = int(np.searchsorted(r.time, r.time[0] + r.before - 1e-9))
+    return rows_of(r, slice(first, None), r.name) if first else r
+
+
 def from_zero(r: Recording) -> Recording:
     """The recording with times that begin at 0: those of a clock that began in 1970 resolve a quarter microsecond."""
     return replace(r, time=r.time - r.time[0], origin=r.origin + float(r.time[0]))

@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.residual.formula import formula
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
-from mpge_jax.diagnosis.residual.regression import Blocks, best_function
+from mpge_jax.diagnosis.residual.regression import Blocks, Candidate, best_of
 
 Array = np.ndarray
 
@@ -42,7 +42,11 @@ def residual_of_forces(
 def _function(p: Prepared, b: Balance, f: Fitted, place: Place) -> Function | None:
     values = seen(p, place)
     known = {k: x for k, x in values.items() if k != DRIVE}
-    best = best_function([(e, place.index, _blocks(b, f, e, place)) for e in functions(known)], b.fold)
+
+    def problem(effect: Residual, where: Place) -> Candidate:
+        return effect, where.index, _blocks(b, f, effect, where)
+
+    best = best_of([(e, place) for e in functions(known)], problem, b.fold)
     if best is None:
         return None
     term = Term(best.effect.id, place)

@@ -7,6 +7,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.residual import Residual
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
@@ -14,14 +15,14 @@ from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.residual.formula import formula
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
-from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, solved
+from mpge_jax.diagnosis.residual.regression import Blocks, Candidate, Choice, best_of, solved
 from mpge_jax.diagnosis.residual.roll_out import stays
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
-WINDOWS, FOLDS = 90, 5
+WINDOWS, FOLDS = 60, 5
 """Windows, at most, that a function is fitted to, and the stretches of them that are predicted from the others."""
 PROBE = 0.02
 """Force, in the machine's typical ones, by which the windows' answers to a function's values are told."""
@@ -62,12 +63,13 @@ def residual_of_motion(
 def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows) -> Function | None:
     """The function at one of the places that explains most of what `f` leaves."""
     white, fold = s.whiten_one(f, w), np.arange(w.count) * FOLDS // w.count
-    values, candidates = {place: seen(p, place) for place in places}, []
-    for place in places:
-        for effect in functions(values[place]):
-            empty = with_function(p.ctx, f, Term(effect.id, place))
-            candidates.append((effect, place.index, _blocks(p, empty, f, w, white)))
-    best = best_function(candidates, fold)
+    values = {place: seen(p, place) for place in places}
+
+    def problem(effect: Residual, place: Place) -> Candidate:
+        empty = with_function(p.ctx, f, Term(effect.id, place))
+        return effect, place.index, _blocks(p, empty, f, w, white)
+
+    best = best_of([(e, x) for x in places for e in functions(values[x])], problem, fold)
     if best is None:
         return None
     place = next(x for x in places if x.index == best.place)

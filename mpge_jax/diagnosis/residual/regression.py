@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual import INPUTS, Residual
 from mpge_jax.diagnosis.evidence.paired_gains import deviations
 
@@ -53,6 +55,10 @@ class Blocks:
         return self.weight * square
 
 
+Candidate = tuple[Residual, int, Blocks]
+"""A function, the index of the joint at which it acts, and the least-squares problem of its values."""
+
+
 @dataclass(frozen=True)
 class Choice:
     """A function with its values.
@@ -88,7 +94,27 @@ def solved(b: Blocks, effect: Residual, strength: float, now: Array | None = Non
     return -np.linalg.solve(gram + penalty, pulled)
 
 
-def best_function(candidates: list[tuple[Residual, int, Blocks]], fold: Array) -> Choice | None:
+def best_of(
+    functions: list[tuple[Residual, Place]], problem: Callable[[Residual, Place], Candidate], fold: Array
+) -> Choice | None:
+    """`best_function` of those of one input, and of those of two that hold the best one's input, or of all of two where
+    none of one helps.
+
+    Args:
+        problem: a function's least-squares problem at a joint, which takes time to build.
+    """
+    single = [problem(e, place) for e, place in functions if len(e.axes) == 1]
+    first = best_function(single, fold)
+    double = [
+        problem(e, place)
+        for e, place in functions
+        if len(e.axes) == 2
+        and (first is None or (place.index == first.place and first.effect.axes[0] in e.axes))
+    ]
+    return best_function(single + double, fold)
+
+
+def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
     """The plainest of the functions that predict blocks, from the others, as well as the best one does; None where none
     is better than nothing beyond chance.
 

@@ -24,14 +24,14 @@ AWAY = 10.0
 def stays(p: Prepared, f: Fitted, without: Fitted) -> bool:
     """Whether a minute of random commands, of those that were recorded, ends where it does without the force: no joint
     moves ten times as fast as it ever did."""
-    speeds = [_greatest_speeds(p, x) for x in (f, without)]
+    speeds = greatest_speeds(p, [f, without])
     seen = np.array([np.abs(s.states.qvel).max(0) for s in p.train]).max(0)
     usual = np.maximum(seen, np.nan_to_num(speeds[1], posinf=0.0))
     return bool((speeds[0] <= AWAY * np.maximum(usual, 1e-6)).all())
 
 
-def _greatest_speeds(p: Prepared, f: Fitted) -> Array:
-    """[nv]; infinite where the simulation breaks down."""
+def greatest_speeds(p: Prepared, fits: list[Fitted]) -> Array:
+    """[F, nv] of roll-outs under the same commands; infinite where the simulation breaks down."""
     m, rng = p.model, np.random.default_rng([p.config.seed, 41])
     time = np.arange(0.0, SECONDS + ROW / 2, ROW)
     recorded = np.concatenate([s.command for s in p.train])
@@ -45,6 +45,7 @@ def _greatest_speeds(p: Prepared, f: Fitted) -> Array:
     noise = replace(p.noise, qvel=np.ones(m.nv))
     w = cut((source,), m, noise, SECONDS, 1, p.dt, rng, max_samples=time.size)
     if not w.count:
-        return np.zeros(m.nv)
-    speed = np.abs(p.sim.residuals([Run(f.hypothesis, f.theta)], w)[0, 0, :, m.nv :])
-    return np.where(np.isfinite(speed), speed, np.inf).max(0)
+        return np.zeros((len(fits), m.nv))
+    runs = [Run(f.hypothesis, f.theta) for f in fits]
+    speed = np.abs(p.sim.residuals(runs, w)[:, 0, :, m.nv :])
+    return np.where(np.isfinite(speed), speed, np.inf).max(1)

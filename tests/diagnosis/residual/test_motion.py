@@ -9,10 +9,10 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.residual import Axis, Residual
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.held_out_error import fit_report
+from mpge_jax.diagnosis.residual import roll_out
 from mpge_jax.diagnosis.residual.inputs import places_of, seen
 from mpge_jax.diagnosis.residual.model import with_function
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
-from mpge_jax.diagnosis.residual.roll_out import _greatest_speeds, stays
 from tests.diagnosis.machines import PENDULUM, record
 from tests.diagnosis.searches import COULOMB, HINGE, fitted, search_of
 
@@ -52,9 +52,16 @@ def test_places_are_joints_or_those_that_actuators_drive(rubbing):
     np.testing.assert_allclose(values["l"], -0.5 * 9.81 * 0.15 * np.sin(values["q"]), rtol=1e-3, atol=1e-6)
 
 
-def test_a_force_that_drives_a_joint_on_does_not_run_away(rubbing):
+def test_a_force_that_drives_a_joint_on_does_not_run_away(rubbing, monkeypatch):
     _, p = rubbing
     effect = Residual((Axis("v", -3.0, 3.0),), 3.0)
     drives = with_function(p.ctx, NOTHING, Term(effect.id, HINGE), 0.5 * np.linspace(-1, 1, 9))
-    assert stays(p, drives, NOTHING)
-    assert _greatest_speeds(p, drives)[0] < 40.0
+    speeds = roll_out.greatest_speeds(p, [drives, NOTHING])
+    assert speeds.shape == (2, 1) and speeds[0, 0] < 40.0
+    for told, kept in (
+        (speeds, True),
+        (np.array([[300.0], [2.0]]), False),
+        (np.array([[np.inf], [2.0]]), False),
+    ):
+        monkeypatch.setattr(roll_out, "greatest_speeds", lambda *_, told=told: told)
+        assert roll_out.stays(p, drives, NOTHING) is kept
