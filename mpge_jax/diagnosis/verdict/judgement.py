@@ -115,7 +115,8 @@ def judge(
             ratio = min(ratio, 1.0)
             held = fit_report(*shown, "test")
         corrected = True
-    train, held = (r.above(ratio) for r in (fit_report(*shown, "train"), held))
+    # test windows start from rows that are not compared: start and measurement are as independent as a floor takes them
+    train, held = fit_report(*shown, "train").above(ratio), held.above(max(ratio, 1.0))
     left, share = found.left, 0.0
     if not corrected and left is None and held.before.rms > FAR * held.floor:
         left = leaves(s, found.fit)
