@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 import mujoco
 import numpy as np
@@ -86,6 +88,17 @@ def table(values: list[float]) -> list[dict[str, object]]:
     ]
 
 
+def test_its_force_is_the_same_in_numpy_and_in_jax():
+    rng = np.random.default_rng(0)
+    theta = rng.normal(size=OF_BOTH.count**2).astype(np.float32)
+    for q, v in rng.uniform(-5, 5, (20, 2)):
+        s = step(q, v)
+        s = dataclasses.replace(s, q=jnp.array(s.q), v=jnp.array(s.v))
+        told = OF_BOTH.force(jnp, CTX, HINGE, jnp.array(theta), s, ())[0].joint
+        assert float(told) == pytest.approx(force(OF_BOTH, theta, q, v), abs=1e-4)
+
+
+@pytest.mark.slow
 def test_it_moves_the_machine_alike_in_c_and_in_jax():
     values = list(0.2 * np.random.default_rng(0).normal(size=OF_BOTH.count**2))
     corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), table(values))

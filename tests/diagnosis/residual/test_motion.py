@@ -27,6 +27,7 @@ def grinding():
     return search_of(PENDULUM, record(PENDULUM, 0.8, force=force, count=4, seconds=2.5))
 
 
+@pytest.mark.slow
 def test_a_law_of_angle_and_speed_is_learned(grinding):
     s, p = grinding
     held = fit_report(p, NOTHING, "test")

@@ -142,6 +142,7 @@ def test_a_machine_without_actuators_is_diagnosed_from_its_swings():
     assert d.fit.theta[0] == pytest.approx(0.05, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_slight_effect_is_found_in_longer_windows():
     def change(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0] = 0.006
