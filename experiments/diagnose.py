@@ -12,9 +12,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from experiments.command_line import add_log_options, columns_of
 from mpge_jax import files
-from mpge_jax.diagnosis import Config, InputError, diagnose, load_effects, load_readers
-from mpge_jax.diagnosis.recordings.column_map import load
+from mpge_jax.diagnosis import Config, InputError, diagnose, load_effects
 from mpge_jax.diagnosis.report.effect_table import vocabulary_table
 from mpge_jax.diagnosis.report.terminal import summary
 
@@ -45,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
         "--held-out",
         nargs="+",
         metavar="NAME",
-        help="recordings to hold out (default: heldout_*, else a third)",
+        help="recordings that only test (default: heldout_*, else a quarter)",
     )
     out.add_argument("--effects", nargs="+", metavar="ID", help="effects to try (default: all)")
     out.add_argument(
@@ -55,15 +55,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="FILE.py",
         help="files that register effects of your own",
     )
-    out.add_argument(
-        "--reader-file",
-        type=Path,
-        nargs="+",
-        metavar="FILE.py",
-        help="files that register readers of your own for logs",
-    )
+    add_log_options(out)
     out.add_argument("--list-effects", action=_ListEffects, help="print the effects that it knows, and exit")
-    out.add_argument("--map", type=Path, metavar="MAP.yaml", help="renames and converts columns")
     out.add_argument("--seed", type=int, default=0)
     out.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, help="threads, one a core at most (default)"
@@ -99,11 +92,9 @@ def main(argv: list[str] | None = None) -> int:
     """Exit status: 0 with a verdict, 2 for bad input, 130 when interrupted."""
     args = parser().parse_args(argv)
     try:
-        columns = None if args.map is None else load(args.map)
+        columns = columns_of(args)
         for file in args.effects_file or ():
             load_effects(file)
-        for file in args.reader_file or ():
-            load_readers(file)
         config = _config(args)
         _check_out(args.out)
         progress = args.out / ".progress.json"

@@ -10,14 +10,14 @@ import shlex
 import sys
 from pathlib import Path
 
+from experiments.command_line import add_log_options, columns_of
 from mpge_jax import files
-from mpge_jax.diagnosis import InputError, load_readers
+from mpge_jax.diagnosis import InputError
 from mpge_jax.diagnosis.inspection.map_file import map_text
 from mpge_jax.diagnosis.inspection.overview import Overview, overviews
 from mpge_jax.diagnosis.inspection.picture import draw
 from mpge_jax.diagnosis.inspection.summary import summary
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.recordings.column_map import load
 from mpge_jax.diagnosis.recordings.formats.registry import find_files
 
 TOLD = 3
@@ -28,14 +28,7 @@ def parser() -> argparse.ArgumentParser:
     out = argparse.ArgumentParser(prog="python -m experiments.inspect", description=__doc__.splitlines()[0])
     out.add_argument("log", nargs="+", type=Path, help="logs: .npz, .csv, .h5, .bag, .db3, .mcap, or folders")
     out.add_argument("--model", required=True, type=Path, help="MJCF or URDF file of the model")
-    out.add_argument("--map", type=Path, metavar="MAP.yaml", help="renames and converts columns")
-    out.add_argument(
-        "--reader-file",
-        type=Path,
-        nargs="+",
-        metavar="FILE.py",
-        help="files that register readers of your own for logs",
-    )
+    add_log_options(out)
     out.add_argument("--out", type=Path, default=Path("inspection"), help="folder for picture and map")
     return out
 
@@ -44,9 +37,7 @@ def main(argv: list[str] | None = None) -> int:
     """Exit status: 0 where every run can be diagnosed, 1 where one cannot, 2 for bad input."""
     args = parser().parse_args(argv)
     try:
-        columns = None if args.map is None else load(args.map)
-        for file in args.reader_file or ():
-            load_readers(file)
+        columns = columns_of(args)
         model = compile_variable(load_spec(args.model))
         names = names_of(model)
         found = [(p, o) for p in find_files(args.log) for o in overviews(p, model, names, columns)]

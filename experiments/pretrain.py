@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 
+from experiments.command_line import exit_status
 from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs
@@ -249,21 +250,12 @@ def main(args: Args) -> None:
 
 def command() -> int:
     """The command; returns its exit status."""
-    try:
+
+    def work() -> int:
         main(tyro.cli(Args, prog="python -m experiments.pretrain"))
-    except (ValueError, FileNotFoundError) as error:
-        print(f"pretrain: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(
-            f"pretrain: cannot go on: {files.reason(error)}; the same command goes on from here",
-            file=sys.stderr,
-        )
-        return 2
-    except KeyboardInterrupt:
-        print("pretrain: interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
-    return 0
+        return 0
+
+    return exit_status("pretrain", work)
 
 
 if __name__ == "__main__":

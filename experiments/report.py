@@ -1,5 +1,6 @@
 """Tables and pictures of a sweep."""
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,18 @@ def _groups(rows: Rows) -> dict[tuple[str, int], Rows]:
     for row in rows:
         groups.setdefault((row["method"], row["samples"]), []).append(row)
     return groups
+
+
+def _cells(rows: Rows, order: list[str]) -> Iterator[tuple[str, int, Rows, Callable[[str], list[Any]]]]:
+    """Method, samples and rows of every cell in the order of the methods, and what a column of these holds."""
+    groups = _groups(rows)
+
+    def column_of(group: Rows) -> Callable[[str], list[Any]]:
+        return lambda name: [row[name] for row in group if row.get(name) is not None]
+
+    for method, samples in sorted(groups, key=lambda cell: (order.index(cell[0]), cell[1])):
+        group = groups[method, samples]
+        yield method, samples, group, column_of(group)
 
 
 def _spread(values: list[float]) -> float:
@@ -98,10 +111,7 @@ def _from_log(rows: Rows, order: list[str]) -> list[str]:
         "| transitions held out | simulator steps to ground, a seed | policies |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    groups = _groups(rows)
-    for method, samples in sorted(groups, key=lambda cell: (order.index(cell[0]), cell[1])):
-        group = groups[method, samples]
-        column = lambda name, g=group: [row[name] for row in g if row.get(name) is not None]  # noqa: E731
+    for method, samples, group, column in _cells(rows, order):
         given, made = column("simulator_error"), column("held_out_error")
         simulated = sorted(set(column("grounding_simulator_steps")))
         lines.append(
@@ -129,10 +139,7 @@ def _returns(rows: Rows, order: list[str]) -> list[str]:
         "| transform error | target steps a seed | simulator steps to ground, a seed |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    groups = _groups(rows)
-    for method, samples in sorted(groups, key=lambda cell: (order.index(cell[0]), cell[1])):
-        group = groups[method, samples]
-        column = lambda name, g=group: [row[name] for row in g if row.get(name) is not None]  # noqa: E731
+    for method, samples, group, column in _cells(rows, order):
         published = paper.mean_return(group[0]["task"], method, samples)
         steps = sorted({row["target_steps"] for row in group})
         simulated = sorted(

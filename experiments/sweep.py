@@ -24,6 +24,7 @@ import envs
 from envs import own_tasks
 from envs.variants import HIDDEN, PAPER
 from experiments import methods, report, runners
+from experiments.command_line import exit_status
 from experiments.methods import METHODS, Cell, LogFiles, logged
 from experiments.presets import PRESETS, Preset
 from experiments.storage import SweepFolder, plain
@@ -296,20 +297,11 @@ def write_report(folder: SweepFolder, task: str, steps: dict[str, int], failures
 
 def main() -> int:
     """The command; returns its exit status."""
-    try:
-        args = tyro.cli(Args, prog="python -m experiments.sweep", description=Args.__doc__)
-        return 1 if sweep(args) else 0
-    except (ValueError, FileNotFoundError) as error:
-        print(f"sweep: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(
-            f"sweep: cannot go on: {files.reason(error)}; the same command goes on from here", file=sys.stderr
-        )
-        return 2
-    except KeyboardInterrupt:
-        print("sweep: interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
+
+    def work() -> int:
+        return 1 if sweep(tyro.cli(Args, prog="python -m experiments.sweep", description=Args.__doc__)) else 0
+
+    return exit_status("sweep", work)
 
 
 if __name__ == "__main__":

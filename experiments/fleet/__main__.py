@@ -13,6 +13,7 @@ import tyro
 from rich.console import Console
 
 from experiments import runners
+from experiments.command_line import exit_status
 from experiments.fleet import changes, page, picture, robot, table
 from experiments.fleet.comparison import Fleet, compare
 from experiments.fleet.found import found_of
@@ -136,15 +137,11 @@ def _write(result: Fleet, out: Path, identity: dict[str, object], changed: dict[
 
 def main() -> int:
     """The command: 0 where every robot has a diagnosis, 1 where some failed, 2 for bad input, 130 when interrupted."""
-    try:
-        args = tyro.cli(Args, prog="python -m experiments.fleet", description=Args.__doc__)
-        return 1 if fleet(args) else 0
-    except (ValueError, FileNotFoundError) as error:
-        print(f"fleet: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("fleet: interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
+
+    def work() -> int:
+        return 1 if fleet(tyro.cli(Args, prog="python -m experiments.fleet", description=Args.__doc__)) else 0
+
+    return exit_status("fleet", work)
 
 
 if __name__ == "__main__":
