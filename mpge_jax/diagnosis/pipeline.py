@@ -101,7 +101,7 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
     if progress is not None:
         checkpoint.attach(s, p, progress)
     say(
-        f"{len(p.sources)} recordings; {len(s.terms)} effects at their places are tried: "
+        f"{len({x.recording.log for x in p.sources})} recordings; {len(s.terms)} effects at their places are tried: "
         f"fitted to {s.train.count} pieces of {s.train.times.max():.2g} s, judged on {s.held.count} others"
     )
     found = decide(p, s, say)

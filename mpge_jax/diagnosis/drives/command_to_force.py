@@ -188,7 +188,7 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
         count = 0
         for part in PARTS:
             for s in getattr(p, part):
-                log = log_of(s, ctx, int(a), dt, count, s.spent)
+                log = log_of(s, ctx, int(a), dt, count, s.recording.first_shown)
                 if log is not None:
                     logs[part].append(log)
                     count = int(log.block.max()) + 1
@@ -229,7 +229,7 @@ def by_command(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> tuple
 
     def by_its_commands(s: Source) -> Source:
         command = clipped(plain, s.recording.known("ctrl"))
-        return Source.build(s.recording, s.states, command, late=plain.actuator_delay, spent=s.spent)
+        return Source.build(s.recording, s.states, command, late=plain.actuator_delay)
 
     model = compile_variable(drive_by_force(p.spec, np.zeros_like(p.measured)))
     sim = Simulator(model, found.ctx, threads=p.config.jobs)

@@ -78,11 +78,12 @@ class Log:
 
 
 def log_of(
-    source: Source, ctx: Context, actuator: int, dt: float, first_block: int, spent: float = 0.0
+    source: Source, ctx: Context, actuator: int, dt: float, first_block: int, first_row: int = 0
 ) -> Log | None:
-    """One actuator's log, but for its first `spent` s, which only say how what follows began."""
+    """One actuator's log, from a row on; those before only say how what follows began."""
     r, m = source.recording, ctx.model
-    good = np.isfinite(r.known("force")[:, actuator]) & (r.time >= r.time[0] + spent - 1e-9)
+    good = np.isfinite(r.known("force")[:, actuator])
+    good[:first_row] = False
     if good.sum() < 20:
         return None
     # a pause in the log, over which the command stays, need not last longer than anything in a drive does

@@ -34,6 +34,11 @@ class Fitted:
     cov: Array = field(default_factory=nothing)
     x: Array = field(default_factory=lambda: np.zeros(0))
 
+    def of_terms(self, ctx: Context, h: Hypothesis) -> Fitted:
+        """Some of its effects with the same parameters, not fitted again."""
+        theta, centre = (h.gather(ctx, self.hypothesis.split(ctx, x)) for x in (self.theta, self.centre))
+        return Fitted(h, theta, centre)
+
     def directions(self, ctx: Context) -> int:
         """Number of parameter combinations that the data identify better than their prior does."""
         if not self.information.size or not self.theta.size:

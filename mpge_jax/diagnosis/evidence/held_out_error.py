@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 Array = np.ndarray
 
 
-MOST: dict[Part, int] = {"train": 40, "choice": 60, "test": 60}
+WINDOWS: dict[Part, int] = {"train": 40, "choice": 60, "test": 60}
 """Windows of the reported length on which errors are shown, at most."""
 CLEAR = 2.0
 """How many times the noise the usual window's error must be for its share that is left to mean anything."""
@@ -65,7 +65,7 @@ def _share(after: float, before: float, floor: float) -> float:
 
 def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
     """Errors of the nominal model and of `f` on the recordings of one part."""
-    w = p.windows(part, p.config.report_s, MOST[part], seed=1)
+    w = p.windows(part, p.config.report_s, WINDOWS[part], seed=1)
     before = errors(p.sim, NOTHING, w)
     after = errors(p.sim, f, w) if f.hypothesis.terms else before
     scale = column_scale(p.noise, p.model)
@@ -75,13 +75,14 @@ def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
 
 def error_drops(p: Prepared, f: Fitted, held: FitReport) -> dict[Term, float]:
     """Share of the held-out squared error that goes with each effect, the others kept."""
-    out = {}
-    parts = f.hypothesis.split(p.ctx, f.theta)
-    for term in f.hypothesis.terms:
-        h = f.hypothesis.without(term)
-        without = errors(p.sim, replace(f, hypothesis=h, theta=h.gather(p.ctx, parts)), held.windows).rms
-        out[term] = float(1.0 - held.after.rms**2 / max(without**2, 1e-30))
-    return out
+    without = errors_without(p, f, held)
+    return {t: float(1.0 - held.after.rms**2 / max(e.rms**2, 1e-30)) for t, e in without.items()}
+
+
+def errors_without(p: Prepared, f: Fitted, report: FitReport) -> dict[Term, Errors]:
+    """Errors on a report's windows without each effect, the others kept."""
+    h = f.hypothesis
+    return {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), report.windows) for t in h.terms}
 
 
 def left_out(gone: list[Term]) -> str:

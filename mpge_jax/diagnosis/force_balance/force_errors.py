@@ -115,7 +115,7 @@ def _recorded_again(
     qvel = None if v is None else v + noise(p.noise.qvel, v.shape)
     recording = replace(r, qpos=q + noise(p.noise.qpos, q.shape), qvel=qvel)
     states = estimate([recording], p.model, p.names)[1][0]
-    return Source.build(recording, states, noise(sensor, source.command.shape), spent=source.spent)
+    return Source.build(recording, states, noise(sensor, source.command.shape))
 
 
 def _sensor_noise(p: Prepared) -> Array:

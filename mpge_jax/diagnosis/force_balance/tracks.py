@@ -69,7 +69,7 @@ def tracks(
 
 def _first(s: Source) -> int:
     """The first row of a recording that is shown and whose acceleration is known well."""
-    return max(EDGE, int(np.searchsorted(s.recording.time, s.recording.time[0] + s.spent - 1e-9)))
+    return max(EDGE, s.recording.first_shown)
 
 
 def _track(p: Prepared, s: Source, stride: int, resolution: Resolution) -> Track:

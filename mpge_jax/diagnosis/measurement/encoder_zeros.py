@@ -126,8 +126,10 @@ def with_zeros(p: Prepared, zeros: dict[str, Array]) -> Prepared:
         if s.recording.log not in zeros:
             return s
         less = _less(s, zeros[s.recording.log])
-        told_by = 0.0 if s.recording.log in told else FIRST * s.recording.duration
-        return less.rebuilt(spent=max(s.spent, told_by))
+        if s.recording.log in told:
+            return less
+        before = max(s.spent, FIRST * s.recording.duration)
+        return replace(less, recording=replace(less.recording, before=before))
 
     return p.mapped(again)
 

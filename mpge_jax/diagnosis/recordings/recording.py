@@ -37,7 +37,8 @@ class Recording:
         origin: s to add to `time` for the log's own clock.
         earlier: the same log up to the first row, where that is known.
         part_of: name of the log of which this is a stretch; none of a whole one.
-        before: s at its beginning that belong to another part of the log: they say how what follows began.
+        before: s at its beginning that are not shown, because they belong to another part of the log or told something
+            about the rest: they say how what follows began.
     """
 
     name: str
@@ -51,6 +52,11 @@ class Recording:
     earlier: Recording | None = field(default=None, compare=False, repr=False)
     part_of: str = ""
     before: float = 0.0
+
+    @property
+    def first_shown(self) -> int:
+        """The first row that is shown."""
+        return int(np.searchsorted(self.time, self.time[0] + self.before - 1e-9))
 
     @property
     def log(self) -> str:
@@ -94,9 +100,8 @@ def rows_of(r: Recording, rows: slice, name: str) -> Recording:
 
 
 def shown(r: Recording) -> Recording:
-    """The recording without the rows that belong to another part of its log."""
-    first = int(np.searchsorted(r.time, r.time[0] + r.before - 1e-9))
-    return rows_of(r, slice(first, None), r.name) if first else r
+    """The recording without the rows that are not shown."""
+    return rows_of(r, slice(r.first_shown, None), r.name) if r.first_shown else r
 
 
 def from_zero(r: Recording) -> Recording:

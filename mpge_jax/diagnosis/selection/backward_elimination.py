@@ -52,7 +52,7 @@ def _simpler(s: Search, current: Fitted) -> list[Fitted]:
     for t in (t for t in current.hypothesis.terms if t in weakest):
         h = current.hypothesis.without(t)
         if h.terms:
-            out.append(Fitted(h, h.gather(ctx, parts), h.gather(ctx, centres)))
+            out.append(current.of_terms(ctx, h))
         plain = Term("coulomb_friction", t.place)
         if t.id in ELABORATE and plain in s.terms and compatible(h, plain):
             start = {plain: np.array([max(float(parts[t][0]), plain.params(ctx)[0].scale)])}

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
-from mpge_jax.diagnosis.estimation.prediction_error import errors
-from mpge_jax.diagnosis.evidence.held_out_error import FitReport, fit_report
+from mpge_jax.diagnosis.estimation.prediction_error import Errors
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report
 from mpge_jax.diagnosis.evidence.paired_gains import deviations
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -33,29 +31,25 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
         report = fit_report(p, f, part)
         if not f.hypothesis.terms:
             return f, report, gone
-        sure = {t: _sureness(p, f, report, f.hypothesis.without(t)) for t in f.hypothesis.terms}
+        sure = {t: _sureness(e, report.after) for t, e in errors_without(p, f, report).items()}
         weakest = min(sure, key=lambda t: sure[t])
         if sure[weakest] <= BEYOND:
             gone.append(weakest)
-            f = _refitted(s, f, f.hypothesis.without(weakest))
-        elif _sureness(p, f, report, NOTHING.hypothesis) <= BEYOND:
+            f = _refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
+        elif _sureness(report.before, report.after) <= BEYOND:
             gone += f.hypothesis.terms
             f = NOTHING
         else:
             return f, report, gone
 
 
-def _sureness(p: Prepared, f: Fitted, report: FitReport, less: Hypothesis) -> float:
-    """Standard errors by which squared errors of windows fall with what `less` lacks, the others kept."""
-    parts = f.hypothesis.split(p.ctx, f.theta)
-    without = replace(f, hypothesis=less, theta=less.gather(p.ctx, parts))
-    gain = errors(p.sim, without, report.windows).window ** 2 - report.after.window**2
+def _sureness(without: Errors, after: Errors) -> float:
+    """Standard errors by which squared errors of windows fall with what the former lack."""
+    gain = without.window**2 - after.window**2
     return deviations(gain) if gain.size > 1 else float(np.sign(gain.sum()) * np.inf)
 
 
-def _refitted(s: Search, f: Fitted, h: Hypothesis) -> Fitted:
-    if not h.terms:
+def _refitted(s: Search, f: Fitted) -> Fitted:
+    if not f.hypothesis.terms:
         return NOTHING
-    parts, centres = (f.hypothesis.split(s.sim.ctx, x) for x in (f.theta, f.centre))
-    smaller = Fitted(h, h.gather(s.sim.ctx, parts), h.gather(s.sim.ctx, centres))
-    return fit(s.sim, [smaller], s.train, s.whiten_one(smaller, s.train), iterations=ITERATIONS)[0]
+    return fit(s.sim, [f], s.train, s.whiten_one(f, s.train), iterations=ITERATIONS)[0]

@@ -25,7 +25,6 @@ class Source:
         age: [nu] s by which `smooth` acts late.
         activation: [na] of the actuators' filters at the first row, where it is known.
         late: [nu] s by which commands act late in the model itself.
-        spent: s at the beginning whose rows told something about the rest, which no window may show.
     """
 
     recording: Recording
@@ -38,7 +37,11 @@ class Source:
     age: Array
     activation: Array | None = None
     late: Array | None = None
-    spent: float = 0.0
+
+    @property
+    def spent(self) -> float:
+        """Seconds at the beginning that no window may show."""
+        return self.recording.before
 
     @staticmethod
     def build(
@@ -50,7 +53,6 @@ class Source:
         activation: Array | None = None,
         late: Array | None = None,
         bend: Array | None = None,
-        spent: float = 0.0,
     ) -> Source:
         """`smooth` [T, nu]: the part of the command that changes between rows (all of a servo's measured force) and
         is not held; it acts `age` [nu] (s) late, and bends there (see `between_rows.bends`)."""
@@ -66,7 +68,7 @@ class Source:
         ramp = np.diff(aged, axis=0)
         mean = (command - smooth + aged)[:-1] + 0.5 * ramp - h**2 / 12 * bend
         integral = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(h * mean, 0)])
-        return Source(recording, states, command, smooth, integral, ramp, bend, age, activation, late, spent)
+        return Source(recording, states, command, smooth, integral, ramp, bend, age, activation, late)
 
     def older(self, factor: float) -> Source:
         """The same with `age` times `factor`."""
@@ -74,7 +76,7 @@ class Source:
 
     def rebuilt(self, **changes: Any) -> Source:
         """The same with other arguments of `build`, and what follows from them."""
-        names = ("recording", "states", "command", "smooth", "age", "activation", "late", "bend", "spent")
+        names = ("recording", "states", "command", "smooth", "age", "activation", "late", "bend")
         return Source.build(**{**{name: getattr(self, name) for name in names}, **changes})
 
     def mean_command(self, edges: Array) -> Array:

@@ -37,7 +37,7 @@ class Law:
 def source_of(r: Recording, states: States, plain: mujoco.MjModel, measured: Array) -> Source:
     """A recording with what drives the machine: commands, or forces where they were measured."""
     command, late = driving(r, plain, measured), np.where(measured, 0.0, plain.actuator_delay)
-    held = Source.build(r, states, command, late=late, spent=r.before)
+    held = Source.build(r, states, command, late=late)
     return followed(held, plain, measured & follows(plain), nominal(r, states, plain))
 
 
@@ -48,9 +48,7 @@ def followed(
     r, states = source.recording, source.states
     smooth = np.where(moving, source.command - np.cumsum(law.jumps, axis=0), 0.0)
     bend = bends(plain, r, states, smooth, law)
-    return Source.build(
-        r, states, source.command, smooth, age, late=source.late, bend=bend, spent=source.spent
-    )
+    return Source.build(r, states, source.command, smooth, age, late=source.late, bend=bend)
 
 
 def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> Array:

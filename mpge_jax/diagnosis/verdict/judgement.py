@@ -20,8 +20,7 @@ from mpge_jax.diagnosis.estimation.whitening import (
     numerics,
     whitener,
 )
-from mpge_jax.diagnosis.evidence.held_out_error import MOST as WINDOWS
-from mpge_jax.diagnosis.evidence.held_out_error import FitReport, error_drops, fit_report
+from mpge_jax.diagnosis.evidence.held_out_error import WINDOWS, FitReport, error_drops, fit_report
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.selection.procedure import Decision
 from mpge_jax.diagnosis.selection.remainder import leaves

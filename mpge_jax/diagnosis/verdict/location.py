@@ -67,10 +67,6 @@ def by_joint(p: Prepared, s: Search) -> list[tuple[str, str, float]]:
     return [(n, "joint", e) for n, e in sorted(out.items(), key=lambda x: -x[1])]
 
 
-LEFT = 0.1
-"""Share of the nominal model's error (rms beyond noise) that counts as structure."""
-
-
 def _base(p: Prepared) -> dict[str, float]:
     """Ratios of the joints that place a floating base in the world."""
     m = p.model
