@@ -14,6 +14,7 @@ os.environ.setdefault(
     + (" --xla_cpu_use_fusion_emitters=false" if version("jaxlib").startswith("0.10.") else ""),
 )
 
+import hypothesis
 import jax
 import jaxtyping
 import mujoco
@@ -37,6 +38,11 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 _log = mujoco.MjLogConfig.get()
 _log.logto_file = False
 _log.set()
+
+
+# The same examples at each run: a change is refused for what it does. HYPOTHESIS=default looks for others.
+hypothesis.settings.register_profile("same_examples", derandomize=True, database=None)
+hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS", "same_examples"))
 
 
 # The files that take longest come first. A process runs one at a time: it should not be alone with it at the end.
