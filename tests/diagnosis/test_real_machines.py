@@ -73,7 +73,7 @@ def test_zeros_of_the_held_out_session_of_c0_carry_over_from_one_recording_to_th
     for name, taken in (("none", {}), ("own", zeros), ("swapped", swapped)):
         less = with_zeros(p, taken)
         w = less.windows("test", p.config.report_s, 60, seed=1)
-        before, after = (errors(p.sim, f, w) for f in (NOTHING, _fitted_to_training(less, found)))
+        before, after = (errors(p.sim, f, w, p.noise) for f in (NOTHING, _fitted_to_training(less, found)))
         medians = [np.median(np.sqrt(np.nanmean(e.curves**2, axis=1)), axis=0) for e in (before, after)]
         ratio[name] = medians[0] / medians[1]
     assert (ratio["none"] < 4).all()

@@ -272,9 +272,9 @@ def test_a_delay_in_the_model_is_filled_with_the_commands_before_a_window():
     xml = PENDULUM.replace("ctrlrange", 'delay="0.03" nsample="64" ctrlrange')
     p = prepared_of(xml, record(xml, 0.8))
     w = p.windows("train", 0.25, 40)
-    nothing = errors(p.sim, NOTHING, w)
+    nothing = errors(p.sim, NOTHING, w, p.noise)
     plain = prepared_of(PENDULUM, record(PENDULUM, 0.8))
-    assert nothing.rms < 1.5 * errors(plain.sim, NOTHING, plain.windows("train", 0.25, 40)).rms
+    assert nothing.rms < 1.5 * errors(plain.sim, NOTHING, plain.windows("train", 0.25, 40), plain.noise).rms
     spec = mujoco.MjSpec.from_string(xml)
     assert REGISTRY["actuator_delay"].export(spec, p.ctx, Place("actuator", "motor", 0), np.array([0.01]))
     assert spec.compile().actuator_delay[0] == pytest.approx(0.04)

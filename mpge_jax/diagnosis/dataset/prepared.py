@@ -71,11 +71,18 @@ class Prepared:
         return replace(self, train=train, choice=choice, test=test)
 
     def windows(
-        self, part: Part, duration: float, limit: int, seed: int = 0, samples: int = MAX_SAMPLES
+        self,
+        part: Part,
+        duration: float,
+        limit: int,
+        seed: int = 0,
+        samples: int = MAX_SAMPLES,
+        judged: bool = False,
     ) -> Windows:
         """At most `limit` windows of at most `samples` rows, of `duration` s or shorter where recordings are.
 
-        Those of test recordings start from what was recorded before the rows that they are judged by.
+        Those that errors are told of (`judged`), and all of test recordings, start from what was recorded before the
+        rows that are compared.
         """
         parts = [
             [s.recording.duration - max(settling(s, self.model), s.spent) for s in getattr(self, k)]
@@ -90,7 +97,7 @@ class Prepared:
         duration = min([duration, *(max(each, default=duration) for each in parts)])
         rng = np.random.default_rng([self.config.seed, PARTS.index(part), seed])
         w = cut(getattr(self, part), self.model, self.noise, duration, limit, self.dt, rng, samples)
-        return started_from_before(w, self.model, self.noise) if part == "test" else w
+        return started_from_before(w, self.model, self.noise) if judged or part == "test" else w
 
 
 def with_drives(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.whitening import start_runs
+from mpge_jax.diagnosis.estimation.told_starts import left_open, told
+from mpge_jax.diagnosis.estimation.whitening import column_scale, numerics, start_runs
+from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.near import changes
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -30,9 +32,10 @@ class Errors:
     curves: Array
 
 
-def errors(sim: Simulator, f: Fitted, w: Windows) -> Errors:
-    """Open-loop prediction errors of positions in joint space."""
+def errors(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Errors:
+    """Open-loop prediction errors of positions in joint space, from starts that `f` itself tells (`told_starts`)."""
     nv = sim.model.nv
+    w = told(sim, f, w, column_scale(noise, sim.model))
     residual = sim.residuals([Run(f.hypothesis, f.theta)], w)[0][..., :nv]
     square = np.clip(residual, -1e3, 1e3) ** 2
     seen = np.isfinite(square)
@@ -43,13 +46,34 @@ def errors(sim: Simulator, f: Fitted, w: Windows) -> Errors:
     return Errors(float(np.sqrt(filled.sum() / total)), np.sqrt(per_joint), np.sqrt(per_window), residual)
 
 
-def noise_floor(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> Array:
+def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Array:
     """Variance that measurement noise and uncertain start states alone would give each window [W], were they
     independent: mean square over position columns."""
 
-    nv = sim.model.nv
+    nv, scale = sim.model.nv, column_scale(noise, sim.model)
+    w = told(sim, f, w, scale)
     moved = changes(sim, start_runs(f.hypothesis, f.theta, w), w)[..., :nv]
     seen = np.isfinite(moved[0])
     spread = np.where(seen, np.clip(moved, -1e3, 1e3), 0.0)
-    variance = (spread**2).sum(0) + np.where(seen, scale[:nv] ** 2, 0.0)
+    cov = left_open(sim, f, w, scale)
+    starts = np.einsum("swnd,wst,twnd->wnd", spread, cov, spread, optimize=True)
+    variance = starts + np.where(seen, scale[:nv] ** 2, 0.0)
     return np.where(seen, variance, 0.0).sum((1, 2)) / np.maximum(seen.sum((1, 2)), 1)
+
+
+def numerical_error(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> float:
+    """Root-mean-square error of positions if the recordings moved as with another timestep, integrator or moment of the
+    commands than the model's (`numerics`), from starts that follow it."""
+    nv, scale = sim.model.nv, column_scale(noise, sim.model)
+    w = told(sim, f, w, scale)
+    cov = left_open(sim, f, w, scale)
+    whole = replace(w, seen=w.seen | w.lead, lead=np.zeros_like(w.lead))
+    columns = np.nan_to_num(changes(sim, start_runs(f.hypothesis, f.theta, whole), whole))
+    known = np.where(w.lead[..., None] & np.isfinite(scale), 1.0 / scale**2, 0.0)
+    square = 0.0
+    for change in numerics(sim, f.hypothesis, f.theta, whole).values():
+        d = np.clip(np.nan_to_num(change), -1e3, 1e3)
+        follows = -np.einsum("wst,twnd,wnd->ws", cov, columns, known * d, optimize=True)
+        d = d + np.einsum("swnd,ws->wnd", columns, follows, optimize=True)
+        square += (d[..., :nv] ** 2 * w.seen[..., None]).sum()
+    return float(np.sqrt(square / max(w.seen.sum() * nv, 1)))

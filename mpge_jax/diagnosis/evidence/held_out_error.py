@@ -10,7 +10,6 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
-from mpge_jax.diagnosis.estimation.whitening import column_scale
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.windows import Windows
 
@@ -65,11 +64,10 @@ def _share(after: float, before: float, floor: float) -> float:
 
 def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
     """Errors of the nominal model and of `f` on the recordings of one part."""
-    w = p.windows(part, p.config.report_s, WINDOWS[part], seed=1)
-    before = errors(p.sim, NOTHING, w)
-    after = errors(p.sim, f, w) if f.hypothesis.terms else before
-    scale = column_scale(p.noise, p.model)
-    variance = noise_floor(p.sim, f, w, scale)
+    w = p.windows(part, p.config.report_s, WINDOWS[part], seed=1, judged=True)
+    before = errors(p.sim, NOTHING, w, p.noise)
+    after = errors(p.sim, f, w, p.noise) if f.hypothesis.terms else before
+    variance = noise_floor(p.sim, f, w, p.noise)
     return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())))
 
 
@@ -82,7 +80,7 @@ def error_drops(p: Prepared, f: Fitted, held: FitReport) -> dict[Term, float]:
 def errors_without(p: Prepared, f: Fitted, report: FitReport) -> dict[Term, Errors]:
     """Errors on a report's windows without each effect, the others kept."""
     h = f.hypothesis
-    return {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), report.windows) for t in h.terms}
+    return {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), report.windows, p.noise) for t in h.terms}
 
 
 def left_out(gone: list[Term]) -> str:

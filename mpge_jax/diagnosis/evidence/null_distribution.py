@@ -157,7 +157,7 @@ def _floor(prepared: Prepared, f: Fitted, shaken: Array, limit: int, finer: bool
     residual = sim.residuals([Run(f.hypothesis, f.theta)], cuts)[0]
     flat = white(residual)
     loss, each = robust_loss(white.excess(flat)), robust_loss(white.by_dof(flat, sim.model.nv))
-    expected = noise_floor(sim, f, cuts, column_scale(noise, sim.model))
+    expected = noise_floor(sim, f, cuts, noise)
     positions = np.clip(residual[..., : sim.model.nv], -1e3, 1e3)
     seen = np.isfinite(positions).any((1, 2))
     got = np.nanmean(positions[seen] ** 2, axis=(1, 2))

@@ -56,7 +56,7 @@ def residual_of_motion(
         fitted = now
         found.append(function)
         places = [place for place in places if place != function.term.place]
-    after = errors(p.sim, fitted, held.windows).rms
+    after = errors(p.sim, fitted, held.windows, p.noise).rms
     return worthwhile(found, held.after.rms, after)
 
 

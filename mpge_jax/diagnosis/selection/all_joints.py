@@ -1,9 +1,9 @@
 """Machines that lack something in every joint: friction, damping and rotor inertia everywhere at once, then fewer.
 
 A forward search adds one effect at a time, so that on an arm of many joints the first ones stand for what is missing
-elsewhere (a delay for friction and rotor inertia behind a servo). Where the search has found several effects and the
-rest is still more than noise, the opposite direction is tried: all of the plain effects of joints, fitted together, and
-those that the data do not show taken away.
+elsewhere (a delay for friction and rotor inertia behind a servo). Where several joints each still move otherwise than
+noise lets them, or several effects were found and the rest is still more than noise, the opposite direction is tried:
+all of the plain effects of joints, fitted together, and those that the data do not show taken away.
 """
 
 from __future__ import annotations
@@ -15,14 +15,17 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
+from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
-from mpge_jax.diagnosis.selection.competition import at_noise
+from mpge_jax.diagnosis.selection.competition import LOUD, at_noise
 from mpge_jax.diagnosis.selection.criteria import NAMED, accept, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
 AFTER = 3
-"""Effects that the forward search has found before the other direction is tried."""
+"""Effects that the forward search has found, or joints that still lack something, at which the other direction is
+tried."""
 TOGETHER = 2
 """Plain effects of joints that it has found, at which that is tried before the search ends."""
 HALF = 0.5
@@ -65,6 +68,17 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     better = accept(s, chosen, before) if more else chosen.losses.mean() < HALF * before.losses.mean()
     fits_in = len(chosen.fit.hypothesis.terms) <= s.max_terms
     return chosen.fit if better and fits_in and needed(chosen, before) else current
+
+
+def due(s: Search, current: Fitted) -> bool:
+    """Whether it is time for that look, which is done once."""
+    if s.looked:
+        return False
+    if len(current.hypothesis.terms) == AFTER:
+        return True
+    white = s.whiten_one(current, s.train, temper=False)
+    flat = white(s.sim.residuals([Run(current.hypothesis, current.theta)], s.train))[0]
+    return int((robust_loss(white.by_dof(flat, s.sim.model.nv)).mean(0) > LOUD).sum()) >= AFTER
 
 
 def drives_lack(f: Fitted) -> bool:

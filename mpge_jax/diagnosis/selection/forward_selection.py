@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.evidence.paired_gains import deviations
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored, family, with_simpler
-from mpge_jax.diagnosis.selection.all_joints import AFTER, drives_lack, everywhere
+from mpge_jax.diagnosis.selection.all_joints import drives_lack, due, everywhere
 from mpge_jax.diagnosis.selection.competition import compete
 from mpge_jax.diagnosis.selection.criteria import SIGNIFICANT, accept, choose, named
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -43,7 +43,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
                 alternatives = _beam(ranked, chosen)
                 if chosen.losses.mean() > LEAVES_MUCH and len(alternatives) > 1:
                     current, last = _second_round(s, chosen, alternatives)
-            if depth + 1 == AFTER:
+            if due(s, current):
                 current = everywhere(s, current)
         elif chosen is not None and (pair := _only_together(s, chosen, base)) is not None:
             current, last = pair[0].fit, pair[1]

@@ -30,7 +30,8 @@ class Windows:
         sources: the recordings. source: [W] index. start: [W] s. dt: step (s). steps: K.
         q0: [W, nq], v0: [W, nv], root: [W, nv, 2, 2] Cholesky factors of the states' covariances.
         act0: [W, na] activations. command: [W, H + K, nu] mean commands, the first H before the start.
-        times: [W, N] s after the start. seen: [W, N] whether the sample exists.
+        times: [W, N] s after the start. seen: [W, N] whether the sample exists and is compared. lead: [W, N] whether it
+            tells where the window starts, and is not compared (`started_from_before`).
         qpos: [W, N, nq]. qvel: [W, N, nv] (NaN where not measured).
         moved: [W, nv, 2] by how much the windows start elsewhere than estimated (`initial_states`), in columns of
             `root`.
@@ -51,6 +52,7 @@ class Windows:
     qpos: Array
     qvel: Array
     moved: Array
+    lead: Array
 
     @property
     def shift(self) -> Array:
@@ -88,6 +90,7 @@ class Windows:
             "qpos",
             "qvel",
             "moved",
+            "lead",
         )
         return replace(self, **{k: getattr(self, k)[index] for k in keys})
 
@@ -102,6 +105,22 @@ class Windows:
     def _stepped(self, dt: float, steps: int) -> Windows:
         grid = dt * np.arange(-int(np.ceil(HISTORY / dt)), steps + 1)
         return replace(self, dt=dt, steps=steps, command=self._commands(grid))
+
+    def leading(self) -> Windows:
+        """The rows that tell where the windows start, to be compared."""
+        rows = int(np.flatnonzero(self.lead.any(0)).max(initial=0)) + 1
+        steps = min(self.steps, int(np.ceil(np.where(self.lead, self.times, 0.0).max() / self.dt - 1e-6)) + 1)
+        lead = self.lead[:, :rows]
+        return replace(
+            self,
+            steps=steps,
+            command=self.command[:, : self.history + steps],
+            times=self.times[:, :rows],
+            seen=lead,
+            qpos=self.qpos[:, :rows],
+            qvel=self.qvel[:, :rows],
+            lead=np.zeros_like(lead),
+        )
 
     def later(self, seconds: float) -> Windows:
         """The same windows with commands that act later."""
@@ -258,7 +277,7 @@ def cut(
     source = np.array([i for i, _, _ in found], dtype=int)
     return Windows(
         sources, source, start, dt, steps, q0, v0, root, act0, command, times, seen, qpos, qvel,
-        np.zeros((w, nv, 2)),
+        np.zeros((w, nv, 2)), np.zeros_like(seen),
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, by_command
 from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.prediction_error import numerical_error
 from mpge_jax.diagnosis.estimation.whitening import (
     INTEGRATOR,
     KAPPA,
@@ -33,8 +34,8 @@ from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
 FAR = 2.0 * KAPPA
-"""Times what noise leaves from which on an error is not nothing, whatever the search found: twice as far as starts may
-be known worse than they are said to be."""
+"""Times what noise and other steps than the model's leave from which on an error is not nothing, whatever the search
+found: twice as far as starts may be known worse than they are said to be."""
 SURE, MOST = 6.0, 3.0
 """Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
 they may be."""
@@ -118,7 +119,8 @@ def judge(
     train, held = fit_report(*shown, "train").above(ratio), held.above(max(ratio, 1.0))
     left, share = found.left, 0.0
     if not corrected and left is None and held.before.rms > FAR * held.floor:
-        left = leaves(s, found.fit)
+        steps = numerical_error(p.sim, found.fit, held.windows, p.noise)
+        left = leaves(s, found.fit) if held.before.rms > FAR * np.hypot(held.floor, steps) else None
     if left is not None:
         share = held.left(p.sim.rugged(left.fit.hypothesis)) ** 2 if corrected else 1.0
     unexplained, residual = None, None

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mpge_jax.diagnosis.dataset.starts_from_before import LEAD, started_from_before
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
@@ -48,8 +49,9 @@ def whole_recordings(d: Result) -> list[Whole]:
         rng = np.random.default_rng(0)
         w = cut((source,), p.model, p.noise, length, 1, p.dt, rng, ROWS)
         if w.count:
-            before = errors(p.sim, NOTHING, w)
-            out.append(Whole(w, before, errors(p.sim, d.fit, w) if d.terms else before))
+            w = started_from_before(w, p.model, p.noise, LEAD * p.config.report_s)
+            before = errors(p.sim, NOTHING, w, p.noise)
+            out.append(Whole(w, before, errors(p.sim, d.fit, w, p.noise) if d.terms else before))
     return out
 
 

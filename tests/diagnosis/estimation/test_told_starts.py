@@ -1,0 +1,69 @@
+"""Starts that a model tells from the first rows of a window."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.prediction_error import errors, noise_floor, numerical_error
+from mpge_jax.diagnosis.estimation.told_starts import left_open, told
+from mpge_jax.diagnosis.estimation.whitening import column_scale
+from tests.diagnosis.searches import COULOMB
+
+TRUTH = Fitted(Hypothesis.of(COULOMB), np.array([0.1]), np.array([0.1]))
+
+
+@pytest.fixture(scope="module")
+def windows(rubbing):
+    """The machine with its windows, and the same from velocities that are wrong by three of their deviations."""
+    _, p = rubbing
+    w = p.windows("test", 0.5, 6)
+    off = np.zeros_like(w.moved)
+    off[:, 0, 1] = 3.0
+    return p, w, replace(w, v0=w.v0 + replace(w, moved=off).shift[:, 1:])
+
+
+def test_a_wrong_velocity_is_mended_by_the_true_model(windows):
+    p, w, wrong = windows
+    scale = column_scale(p.noise, p.model)
+    right, again = (told(p.sim, TRUTH, x, scale) for x in (w, wrong))
+    deviation = np.abs(replace(w, moved=np.ones_like(w.moved)).shift[:, 1])
+    off, left = (
+        np.abs(a - b)[:, 0]
+        for a, b in ((wrong.v0, w.v0), (again.v0 + again.shift[:, 1:], right.v0 + right.shift[:, 1:]))
+    )
+    assert (left < 0.2 * off).all() and (off > deviation).all()
+    assert errors(p.sim, TRUTH, wrong, p.noise).rms < 1.1 * errors(p.sim, TRUTH, w, p.noise).rms
+    assert errors(p.sim, TRUTH, w, p.noise).rms < 0.5 * errors(p.sim, NOTHING, w, p.noise).rms
+
+
+def test_what_is_compared_tells_no_start(windows):
+    p, w, _ = windows
+    scale = column_scale(p.noise, p.model)
+    hidden = replace(w, qpos=np.where(w.seen[..., None], 0.3, w.qpos))
+    np.testing.assert_array_equal(told(p.sim, TRUTH, hidden, scale).moved, told(p.sim, TRUTH, w, scale).moved)
+    hidden = replace(w, qpos=np.where(w.lead[..., None], 0.3, w.qpos))
+    assert (told(p.sim, TRUTH, hidden, scale).moved != told(p.sim, TRUTH, w, scale).moved).any((1, 2)).all()
+
+
+def test_less_is_left_open_than_before_and_errors_are_as_large_as_that(null):
+    _, p = null
+    w = p.windows("test", 0.5, 6)
+    cov = left_open(p.sim, NOTHING, w, column_scale(p.noise, p.model))
+    assert (np.linalg.eigvalsh(np.eye(2) - cov) > -1e-9).all() and (np.linalg.det(cov) < 0.5).all()
+    # the recording was made in steps a quarter as long
+    steps = numerical_error(p.sim, NOTHING, w, p.noise)
+    floor = np.sqrt(noise_floor(p.sim, NOTHING, w, p.noise).mean() + steps**2)
+    assert 0.7 * floor < errors(p.sim, NOTHING, w, p.noise).rms < 1.5 * floor
+
+
+def test_windows_that_keep_no_rows_for_it_stay_as_they_are(rubbing):
+    _, p = rubbing
+    w = p.windows("train", 0.25, 4)
+    scale = column_scale(p.noise, p.model)
+    assert told(p.sim, TRUTH, w, scale) is w
+    np.testing.assert_array_equal(left_open(p.sim, TRUTH, w, scale)[0], np.eye(2))
