@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,7 +23,11 @@ TIE = 0.03
 
 @dataclass
 class Scored:
-    """A fit with its loss on every window, training windows first. factor: by which the whiteners were tempered."""
+    """A fit with its loss on every window, training windows first.
+
+    Attributes:
+        factor: by which the whiteners were tempered. each: [W, joints] losses of every joint by itself; empty: of one.
+    """
 
     fit: Fitted
     train: Array
@@ -31,10 +35,16 @@ class Scored:
     directions: int
     tier: int
     factor: float = 1.0
+    each: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def losses(self) -> Array:
         return np.concatenate([self.train, self.held])
+
+    @property
+    def by_joint(self) -> Array:
+        """[W, joints] losses; what one joint of many lacks drowns in the mean over all."""
+        return self.each if self.each.size else self.losses[:, None]
 
     @property
     def complexity(self) -> tuple[float, ...]:

@@ -30,7 +30,7 @@ TOGETHER = 2
 """Plain effects of joints that it has found, at which that is tried before the search ends."""
 HALF = 0.5
 """Share of the loss that may remain where something that was found is given up."""
-PASSES = 5
+PASSES = 8
 """Fits under the hypothesis's own whitening at most, with terms taken away before each."""
 
 

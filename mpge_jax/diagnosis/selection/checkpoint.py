@@ -78,10 +78,17 @@ def _fit(ctx: Context, terms: _Terms, table: dict[str, Any]) -> Fitted:
 
 def _scored_table(r: Scored) -> dict[str, Any]:
     table: dict[str, Any] = {"directions": r.directions, "tier": r.tier, "factor": r.factor}
-    return {"fit": _fit_table(r.fit), "train": r.train.tolist(), "held": r.held.tolist(), **table}
+    return {
+        "fit": _fit_table(r.fit),
+        "train": r.train.tolist(),
+        "held": r.held.tolist(),
+        "each": r.each.tolist(),
+        **table,
+    }
 
 
 def _scored(ctx: Context, terms: _Terms, table: dict[str, Any]) -> Scored:
     train, held = (np.array(table[name], dtype=float) for name in ("train", "held"))
     directions, tier = int(table["directions"]), int(table["tier"])
-    return Scored(_fit(ctx, terms, table["fit"]), train, held, directions, tier, float(table["factor"]))
+    each = np.array(table["each"], dtype=float).reshape(train.size + held.size, -1)
+    return Scored(_fit(ctx, terms, table["fit"]), train, held, directions, tier, float(table["factor"]), each)

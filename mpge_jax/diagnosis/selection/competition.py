@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run
 KEEP, KEEP_OF_MANY = 7, 3
 """Candidates that are fitted properly after screening, and beside `MANY` terms."""
 HOPELESS = 0.06
-"""Share of the loss that a second effect must take away in screening to be looked at further."""
+"""Share of the loss of one joint that a second effect must take away in screening to be looked at further."""
 LOUD = 1.5
 """Mean loss at one degree of freedom beyond which something may be missing there."""
 QUIET, SETTLED = 1.1, 1.25
@@ -40,7 +40,8 @@ def compete(s: Search, base: Fitted, terms: list[Term], keep: int = KEEP) -> tup
     sample = s.sample(base, white)
     screened = s.screened(base, sample, terms)
     before = evaluate(s.sim, [base], *sample)[0].loss
-    if base.hypothesis.terms and (not screened or screened[0].loss > before - HOPELESS * min(before, 3.0)):
+    hope = HOPELESS / max(s.sim.model.njnt, 1)
+    if base.hypothesis.terms and (not screened or screened[0].loss > before - hope * min(before, 3.0)):
         return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
     many = s.brief(base.hypothesis)
     keep = KEEP_OF_MANY if many else keep

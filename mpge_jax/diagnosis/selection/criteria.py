@@ -54,15 +54,21 @@ def lasts(s: Search, f: Fitted, without: Hypothesis) -> bool:
 
 
 def needed(new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
-    """Whether held-out windows are predicted better with the terms that `new` has and `old` lacks."""
+    """Whether held-out windows are predicted better with the terms that `new` has and `old` lacks.
+
+    Windows tell whether a gain is an accident. How much it is, each joint of each window tells: in a machine of many
+    joints a term that one of them needs changes the mean over all but little.
+    """
     gain, total = old.held - new.held, old.losses - new.losses
+    each = old.by_joint - new.by_joint
     # the first effect must not be an accident; beside one, held-out windows are dominated by what is still missing
     first = not old.fit.hypothesis.terms
     beyond = deviations(gain) > (doubt if first else 0.6 * doubt) and deviations(total) > doubt
     if misses(old, new):
         return True
-    relevant = total.mean() > 0.05 * min(1.0, old.losses.mean())
-    return bool(relevant and ((beyond and gain.sum() > EVIDENCE) or strong(gain, total)))
+    relevant = (each.mean(0) > 0.05 * np.minimum(1.0, old.by_joint.mean(0))).any()
+    evidence = each[old.train.size :].sum() > EVIDENCE
+    return bool(relevant and ((beyond and evidence) or strong(gain, total)))
 
 
 def share(s: Search, new: Fitted, old: Fitted) -> float:

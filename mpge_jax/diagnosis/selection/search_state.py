@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.rigid_equivalence import one_of_each
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored
 from mpge_jax.diagnosis.recordings.states import Noise
-from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
+from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.informative_windows import screen_windows
 from mpge_jax.diagnosis.simulation.windows import Windows
 
@@ -66,15 +66,27 @@ class Search:
         return whitener(self.sim, around.hypothesis, around.theta, w, self.noise, nuisance, temper)
 
     def score(self, fits: list[Fitted], whites: tuple[Whitener, Whitener]) -> list[Scored]:
-        train = evaluate(self.sim, fits, self.train, whites[0])
-        held = evaluate(self.sim, fits, self.held, whites[1])
-        out = []
-        factor = max(white.factor for white in whites)
-        for f, a, b in zip(fits, train, held, strict=True):
+        factor, out = max(white.factor for white in whites), []
+        losses, each = zip(
+            *(self._losses(fits, *x) for x in zip((self.train, self.held), whites, strict=True)), strict=True
+        )
+        for k, f in enumerate(fits):
             tier = sum(t.effect.tier for t in f.hypothesis.terms)
-            directions = f.directions(self.sim.ctx)
-            out.append(Scored(f, robust_loss(a.x), robust_loss(b.x), directions, tier, factor))
+            train, held = (x[k] for x in losses)
+            joints = np.concatenate([x[k] for x in each])
+            out.append(Scored(f, train, held, f.directions(self.sim.ctx), tier, factor, joints))
         return out
+
+    def _losses(self, fits: list[Fitted], w: Windows, white: Whitener) -> tuple[list[Array], list[Array]]:
+        """Losses of every fit, of windows [W] and of each joint by itself [W, joints]."""
+        m = self.sim.model
+        first = np.flatnonzero(np.diff(m.dof_jntid, prepend=-1))
+        flat = [white(r) for r in self.sim.residuals([Run(f.hypothesis, f.theta) for f in fits], w)]
+        # the degrees of freedom of a free body move together
+        counts = np.diff(np.append(first, m.nv))
+        dofs = (white.by_dof(x, m.nv) for x in flat)
+        each = [robust_loss(np.add.reduceat(x, first, axis=1) / counts) for x in dofs]
+        return [robust_loss(white.excess(x)) for x in flat], each
 
     def sample(self, base: Fitted, white: Whitener) -> tuple[Windows, Whitener]:
         """A sample of the training windows for quick fits on top of a fit, with a whitener of all of them for it."""
