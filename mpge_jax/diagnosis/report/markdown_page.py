@@ -63,7 +63,7 @@ def markdown(d: Result, title: str, command: str) -> str:
     fit = table["fit"]["held_out"]
     lines += [
         "",
-        f"Root mean square over all: {fit['before']} to {fit['after']} (noise alone: {fit['noise_floor']}).",
+        f"Root mean square over all: {fit['before']} to {fit['after']} (noise and timestep alone: {fit['noise_floor']}).",
     ]
     if d.actuators is not None and d.actuators.errors:
         lines += [

@@ -165,9 +165,9 @@ def effect_rows(table: dict[str, Any]) -> list[list[str]]:
 
 
 def beside_noise(after: float, noise: float, unit: str) -> str:
-    """What noise alone does, beside what is left."""
+    """What is no missing physics does, beside what is left."""
     if noise < 0.999 * after:
-        return f"noise alone gives {noise:.2g} {unit}"
+        return f"noise and timestep alone give {noise:.2g} {unit}"
     if noise <= OVERESTIMATED * after:
         return "that is no more than measurement noise leaves"
     return (

@@ -10,7 +10,6 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, by_command
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.prediction_error import numerical_error
 from mpge_jax.diagnosis.estimation.whitening import (
     INTEGRATOR,
     KAPPA,
@@ -119,8 +118,7 @@ def judge(
     train, held = fit_report(*shown, "train").above(ratio), held.above(max(ratio, 1.0))
     left, share = found.left, 0.0
     if not corrected and left is None and held.before.rms > FAR * held.floor:
-        steps = numerical_error(p.sim, found.fit, held.windows, p.noise)
-        left = leaves(s, found.fit) if held.before.rms > FAR * np.hypot(held.floor, steps) else None
+        left = leaves(s, found.fit)
     if left is not None:
         share = held.left(p.sim.rugged(left.fit.hypothesis)) ** 2 if corrected else 1.0
     unexplained, residual = None, None
