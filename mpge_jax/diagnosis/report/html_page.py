@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
+from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.html_sections import close, given, image, pasted, predicted, whole
 from mpge_jax.diagnosis.report.html_sections import table as table_of
 from mpge_jax.diagnosis.report.sentences import beside_noise, effect_rows, times, unit_of_joint
@@ -168,7 +169,8 @@ def page(
     changed = bool(held["before"] and held["after"] and held["before"] != held["after"])
     gain = times(held["before"], held["after"]) if changed else ""
     way = "smaller" if changed and held["after"] < held["before"] else "larger"
-    noise = beside_noise(held["after"], held["noise_floor"], unit) if held["after"] else ""
+    moves = not isinstance(d.held, ForceErrors)
+    noise = beside_noise(held["after"], held["noise_floor"], unit, moves) if held["after"] else ""
     columns = ["joint", "as given", *(["corrected"] if changed else [])]
     joints = [
         [escape(f"{name} ({unit_of_joint(d, name)})"), *map(_number, errors)][: len(columns)]

@@ -8,7 +8,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.report.sentences import effect_rows
+from mpge_jax.diagnosis.report.sentences import effect_rows, no_physics
 from mpge_jax.diagnosis.report.tables import diagnosis_table
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -60,10 +60,10 @@ def markdown(d: Result, title: str, command: str) -> str:
     ]
     lines += [f"| {' | '.join(row)} |" for row in effect_rows(table)]
     lines += _by_joint(d, table)
-    fit = table["fit"]["held_out"]
+    fit, alone = table["fit"]["held_out"], no_physics(not isinstance(d.held, ForceErrors))
     lines += [
         "",
-        f"Root mean square over all: {fit['before']} to {fit['after']} (noise and timestep alone: {fit['noise_floor']}).",
+        f"Root mean square over all: {fit['before']} to {fit['after']} ({alone} {fit['noise_floor']}).",
     ]
     if d.actuators is not None and d.actuators.errors:
         lines += [

@@ -129,7 +129,7 @@ def _gain(d: Result) -> str:
         what = f"motion over {d.held.windows.times.max():.2g} s"
     return (
         f"On recordings that were not used for fitting, the error of the predicted {what} {moves(before, after, unit)} "
-        f"({beside_noise(after, noise, unit)})."
+        f"({beside_noise(after, noise, unit, not isinstance(d.held, ForceErrors))})."
     )
 
 
@@ -164,15 +164,24 @@ def effect_rows(table: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def beside_noise(after: float, noise: float, unit: str) -> str:
-    """What is no missing physics does, beside what is left."""
+def beside_noise(after: float, noise: float, unit: str, moves: bool = True) -> str:
+    """What is no missing physics does, beside what is left.
+
+    Args:
+        moves: whether a motion is predicted; forces along a given one hang on no timestep.
+    """
     if noise < 0.999 * after:
-        return f"noise and timestep alone give {noise:.2g} {unit}"
+        return f"{no_physics(moves)} {noise:.2g} {unit}"
     if noise <= OVERESTIMATED * after:
         return "that is no more than measurement noise leaves"
     return (
         f"how much of that is noise is unknown, as its estimate is too high: it would give {noise:.2g} {unit}"
     )
+
+
+def no_physics(moves: bool) -> str:
+    """What leaves errors though nothing is missing, of predicted motions or of forces."""
+    return "noise and timestep alone give" if moves else "noise alone gives"
 
 
 def error_unit(d: Result) -> str:

@@ -46,15 +46,16 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     s.say("trying friction, damping and rotor inertia in every joint")
     white = s.whiten_one(current, s.train)
     fits = fit(s.sim, starts, s.train, white, iterations=8)
-    for number in range(PASSES):
+    for _ in range(PASSES):
+        # what is weak beside the misfit of `current` may be plain beside their own
+        white = s.whiten_one(min(fits, key=lambda f: f.loss), s.train)
+        fits = fit(s.sim, fits, s.train, white, iterations=5)
         known = [f.hypothesis for f in fits]
         fits = [f for f in (_without_weak(s, f) for f in fits) if f.hypothesis.terms]
         if not fits:
             return current
-        if number and known == [f.hypothesis for f in fits]:
+        if known == [f.hypothesis for f in fits]:
             break
-        white = s.whiten_one(min(fits, key=lambda f: f.loss), s.train)
-        fits = fit(s.sim, fits, s.train, white, iterations=5)
     whites = s.whiten(min(fits, key=lambda f: f.loss))
     old = fit(s.sim, [current], s.train, whites[0], iterations=4)[0]
     *scored, before = s.score([*fits, old], whites)

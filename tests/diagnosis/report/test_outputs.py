@@ -122,6 +122,7 @@ def test_errors_beside_noise_in_words():
     assert times(12.0, 1.0) == "12 times" and times(1.0, 1e-9) == "more than 1000 times"
     assert times(1.0, 12.0) == "12 times"
     assert beside_noise(2.0, 1.0, "rad") == "noise and timestep alone give 1 rad"
+    assert beside_noise(2.0, 1.0, "N m", moves=False) == "noise alone gives 1 N m"
     assert "no more than measurement noise" in beside_noise(1.0, 1.0, "rad")
     assert beside_noise(1.0, 3.0, "rad").endswith("its estimate is too high: it would give 3 rad")
 
