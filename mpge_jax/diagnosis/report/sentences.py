@@ -94,7 +94,7 @@ def explanation(d: Result) -> str:
         parts.append(_residual(d.residual, error_unit(d)))
     if not parts:
         parts.append(
-            "Nothing is missing: the model predicts the recordings as well as the measurement noise allows."
+            "Nothing is missing: the model predicts the recordings as well as their noise and its timestep allow."
         )
     if d.terms or (d.actuators is not None and d.actuators.fits):
         parts.append(_gain(d))

@@ -93,9 +93,19 @@ class Runtime:
         def of(x: Array) -> Array:
             return x if rows is None or len(x) == 1 else x[rows]
 
+        def velocity(body: int) -> Array:
+            return of(self._body_velocity(body))
+
+        def external(dof: int) -> Array:
+            return of(self._external(dof))
+
+        def inertia(dof: int) -> Array:
+            return of(self._inertia(dof))
+
         if u is None:
             none = np.zeros((q.shape[0], 0))
-            return Step(q, v, none, none, none, none, none, none, none, self._body_velocity, self.dt)
+            undriven = (none,) * 7
+            return Step(q, v, *undriven, velocity, self.dt, external, None, inertia)
         length, speed = self.gear * q[:, self.qadr], self.gear * v[:, self.dadr]
         gain, bias = of(self.gain), of(self.bias)
         low, high, stiffness, damping = map(of, (self.low, self.high, self.stiffness, self.damping))
@@ -108,16 +118,6 @@ class Runtime:
             last = of(self.last_force)
             free, f = np.where(self.formula, free, last), np.where(self.formula, f, last)
             engine = None if engine is None else np.where(self.formula, engine, last)
-
-        def velocity(body: int) -> Array:
-            return of(self._body_velocity(body))
-
-        def external(dof: int) -> Array:
-            return of(self._external(dof))
-
-        def inertia(dof: int) -> Array:
-            return of(self._inertia(dof))
-
         return Step(
             q, v, u, f, free, low, high, stiffness, damping, velocity, self.dt, external, engine, inertia
         )
