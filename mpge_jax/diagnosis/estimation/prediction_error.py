@@ -61,19 +61,23 @@ def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Array:
     return np.where(seen, variance, 0.0).sum((1, 2)) / np.maximum(seen.sum((1, 2)), 1)
 
 
-def numerical_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Array:
-    """Mean square error of positions in each window [W] if the recordings moved as with another timestep, integrator or
-    moment of the commands than the model's (`numerics`), from starts that follow that."""
+def numerical_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts: dict[str, float]) -> Array:
+    """Mean square error of positions in each window [W] as the recordings move with another timestep, integrator or
+    moment of the commands than the model's, from starts that follow that.
+
+    Args:
+        amounts: how much of each of `numerics` the recordings show.
+    """
+    if not any(amounts.values()):
+        return np.zeros(w.count)
     nv, scale = sim.model.nv, column_scale(noise, sim.model)
     w = told(sim, f, w, scale)
     cov = left_open(sim, f, w, scale)
     whole = replace(w, seen=w.seen | w.lead, lead=np.zeros_like(w.lead))
     columns = np.nan_to_num(changes(sim, start_runs(f.hypothesis, f.theta, whole), whole))
     known = np.where(w.lead[..., None] & np.isfinite(scale), 1.0 / scale**2, 0.0)
-    square = np.zeros(w.count)
-    for change in numerics(sim, f.hypothesis, f.theta, whole).values():
-        d = np.clip(np.nan_to_num(change), -1e3, 1e3)
-        follows = -np.einsum("wst,twnd,wnd->ws", cov, columns, known * d, optimize=True)
-        d = d + np.einsum("swnd,ws->wnd", columns, follows, optimize=True)
-        square += (d[..., :nv] ** 2 * w.seen[..., None]).sum((1, 2))
-    return square / np.maximum(w.seen.sum(1) * nv, 1)
+    changed = numerics(sim, f.hypothesis, f.theta, whole)
+    d = np.clip(np.nan_to_num(sum(a * changed[kind] for kind, a in amounts.items())), -1e3, 1e3)
+    follows = -np.einsum("wst,twnd,wnd->ws", cov, columns, known * d, optimize=True)
+    d = d + np.einsum("swnd,ws->wnd", columns, follows, optimize=True)
+    return (d[..., :nv] ** 2 * w.seen[..., None]).sum((1, 2)) / np.maximum(w.seen.sum(1) * nv, 1)

@@ -9,7 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor, numerical_floor
+from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.windows import Windows
 
@@ -27,8 +27,8 @@ class FitReport:
     """Open-loop errors on windows of the reported length, nominal and corrected model on the same windows.
 
     Attributes:
-        floors: [W] rms error that noise, and other steps than the model's, alone leave in each window. floor: the same
-            over all of them.
+        floors: [W] rms error that noise alone leaves in each window, and what is no missing physics either
+            (`beside`). floor: the same over all of them.
     """
 
     windows: Windows
@@ -40,6 +40,11 @@ class FitReport:
     def above(self, ratio: float) -> FitReport:
         """The same with `ratio` times the noise. Where that is more than the error, the noise is overestimated."""
         return replace(self, floors=ratio * self.floors, floor=ratio * self.floor)
+
+    def beside(self, square: Array) -> FitReport:
+        """The same where something that is no missing physics leaves mean square errors [W] too."""
+        each = self.floors**2 + square
+        return replace(self, floors=np.sqrt(each), floor=float(np.sqrt(self.floor**2 + square.mean())))
 
     def left(self, rugged: bool) -> float:
         """Share of the error (rms beyond noise) that is left, between 0 and 1.
@@ -68,7 +73,7 @@ def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
     w = p.windows(part, p.config.report_s, WINDOWS[part], seed=1, judged=True)
     before = errors(p.sim, NOTHING, w, p.noise)
     after = errors(p.sim, f, w, p.noise) if f.hypothesis.terms else before
-    variance = noise_floor(p.sim, f, w, p.noise) + numerical_floor(p.sim, f, w, p.noise)
+    variance = noise_floor(p.sim, f, w, p.noise)
     return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, by_command
 from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.prediction_error import numerical_floor
 from mpge_jax.diagnosis.estimation.whitening import (
     INTEGRATOR,
     LATE,
@@ -59,9 +60,9 @@ def together(entries: list[dict[str, Any] | None]) -> dict[str, Any] | None:
     }
 
 
-def note_numerics(p: Prepared, f: Fitted, w: Windows) -> None:
-    """Warn of an integrator, timestep or late commands behind the recordings that are not the model's, with the size of
-    what they change: `numerics`, which searches see past."""
+def numerics_seen(p: Prepared, f: Fitted, w: Windows) -> tuple[dict[str, float], list[str]]:
+    """An integrator, timestep or late commands behind the recordings that are not the model's: how much of each of
+    `numerics`, which searches see past, is clearly there, and warnings with the size of what they change."""
     nv = p.model.nv
     white = whitener(p.sim, f.hypothesis, f.theta, w, p.noise, temper=False)
     residual = p.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
@@ -77,17 +78,22 @@ def note_numerics(p: Prepared, f: Fitted, w: Windows) -> None:
     # misfit comes by the window
     variance = np.maximum(np.diag(inverse), np.diag(inverse @ scores.T @ scores @ inverse))
     seen = np.isfinite(residual[..., :nv])
+    amounts, warnings = {}, []
     for k, (kind, change) in enumerate(changes.items()):
         moved = np.where(seen, amount[k] * np.nan_to_num(change[..., :nv]), 0.0)
         size = np.sqrt((moved**2).sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1))
         matters = bool((size > column_scale(p.noise, p.model)[:nv])[seen.any((0, 1))].any())
         sure = amount[k] > SURE * np.sqrt(max(variance[k], 0.0)) and amount[k] < MOST * NUISANCE
-        if sure and matters and kind in NUMERICS:
+        if not (sure and matters):
+            continue
+        amounts[kind] = float(amount[k])
+        if kind in NUMERICS:
             what = NUMERICS[kind if INTEGRATOR in changes or kind == LATE else INTEGRATOR]
-            p.warnings.append(
+            warnings.append(
                 f"{what}: {size.max():.1g} rad or m (rms, at the joint where it is most) over {w.times.max():.2g} s. "
                 "This is taken into account and is not counted as missing physics."
             )
+    return amounts, warnings
 
 
 def judge(
@@ -113,8 +119,14 @@ def judge(
             ratio = min(ratio, 1.0)
             held = fit_report(*shown, "test")
         corrected = True
-    # test windows start from rows that are not compared: start and measurement are as independent as a floor takes them
+    # windows start from rows that are not compared: start and measurement are as independent as a floor takes them
     train, held = fit_report(*shown, "train").above(ratio), held.above(max(ratio, 1.0))
+    longer = p.all_to_train().windows("train", p.config.report_s, WINDOWS["choice"], seed=1)
+    amounts, stepped = numerics_seen(p, found.fit, longer)
+    train, held = (
+        r.beside(numerical_floor(shown[0].sim, shown[1], r.windows, shown[0].noise, amounts))
+        for r in (train, held)
+    )
     left, share = found.left, 0.0
     if not corrected and left is None and held.before.rms > FAR * held.floor:
         left = leaves(s, found.fit)
@@ -126,9 +138,7 @@ def judge(
         s.say("modelling what is left")
         residual = residual_of_motion(p, s, found.fit, unexplained["at"], held)
     if unexplained is None:
-        note_numerics(
-            p, found.fit, p.all_to_train().windows("train", p.config.report_s, WINDOWS["choice"], seed=1)
-        )
+        p.warnings += stepped
     if drives is not None:
         unexplained = together([unexplained, *drives.left])
     drop = error_drops(p, found.fit, held)

@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors, noise_floor, numerical_floor
 from mpge_jax.diagnosis.estimation.told_starts import left_open, told
-from mpge_jax.diagnosis.estimation.whitening import column_scale
+from mpge_jax.diagnosis.estimation.whitening import STEP, column_scale
 from tests.diagnosis.searches import COULOMB
 
 TRUTH = Fitted(Hypothesis.of(COULOMB), np.array([0.1]), np.array([0.1]))
@@ -55,10 +55,9 @@ def test_less_is_left_open_than_before_and_errors_are_as_large_as_that(null):
     w = p.windows("test", 0.5, 6)
     cov = left_open(p.sim, NOTHING, w, column_scale(p.noise, p.model))
     assert (np.linalg.eigvalsh(np.eye(2) - cov) > -1e-9).all() and (np.linalg.det(cov) < 0.5).all()
-    # the recording was made in steps a quarter as long
-    floor = np.sqrt(
-        (noise_floor(p.sim, NOTHING, w, p.noise) + numerical_floor(p.sim, NOTHING, w, p.noise)).mean()
-    )
+    # the recording was made in steps a quarter as long: one and a half times what halving them changes
+    steps = numerical_floor(p.sim, NOTHING, w, p.noise, {STEP: 1.5})
+    floor = np.sqrt((noise_floor(p.sim, NOTHING, w, p.noise) + steps).mean())
     assert 0.7 * floor < errors(p.sim, NOTHING, w, p.noise).rms < 1.5 * floor
 
 

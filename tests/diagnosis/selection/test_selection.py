@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, numerics, robust_loss, whitener
+from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, STEP, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.selection.alternatives import find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.competition import LOUD, QUIET, at_noise
@@ -23,7 +23,7 @@ from mpge_jax.diagnosis.selection.search_state import MANY, WORK
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.informative_windows import SCREEN_WINDOWS, screen_windows
-from mpge_jax.diagnosis.verdict.judgement import note_numerics
+from mpge_jax.diagnosis.verdict.judgement import numerics_seen
 from tests.diagnosis.machines import ARM, PENDULUM, SERVO, record
 from tests.diagnosis.searches import prepared_of
 
@@ -202,6 +202,9 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
 def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
     """Recordings are made with a quarter of the timestep."""
     p = prepared_of(PENDULUM, record(PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
-    note_numerics(p, NOTHING, p.all_to_train().windows("train", p.config.report_s, 60))
-    assert any("move as with a finer timestep" in w for w in p.warnings) == warned
-    assert not any("another moment" in w for w in p.warnings)
+    w = p.all_to_train().windows("train", p.config.report_s, 60)
+    amounts, told = numerics_seen(p, NOTHING, w)
+    assert any("move as with a finer timestep" in x for x in told) == (STEP in amounts) == warned
+    assert not any("another moment" in x for x in told)
+    # halving the timestep is two thirds of the way to a quarter
+    assert not warned or amounts[STEP] == pytest.approx(1.5, rel=0.1)
