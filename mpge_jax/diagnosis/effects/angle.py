@@ -114,8 +114,8 @@ class CoggingTorque(Effect):
         periods = np.arange(max(2.0, 3.0 / span), 80.0, min(0.5, 1.0 / span))
         tried = [
             entry
-            for n in np.array_split(periods, -(-periods.size // AT_ONCE))
-            for entry in waves(n, q, plain, weight, r)
+            for k in range(0, periods.size, AT_ONCE)
+            for entry in waves(periods[k : k + AT_ONCE], q, plain, weight, r)
         ]
         picked: list[list[float]] = []
         for _, theta in sorted(tried, key=lambda entry: entry[0]):
