@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import numerical_floor
 from mpge_jax.diagnosis.estimation.whitening import (
     INTEGRATOR,
+    KAPPA,
     LATE,
     NUISANCE,
     STEP,
@@ -32,9 +33,9 @@ from mpge_jax.diagnosis.verdict.remainder_description import SLIGHT, describe
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
-FAR = NUISANCE
+FAR = 2.0 * KAPPA
 """Times what noise and other steps than the model's leave from which on an error is not nothing, whatever the search
-found: by as much as whitening lets the latter be larger."""
+found: twice as far as starts may be known worse than they are said to be."""
 SURE, MOST = 6.0, 3.0
 """Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
 they may be."""
