@@ -6,7 +6,7 @@ import jax
 import pytest
 
 from experiments.benchmark import __main__ as benchmark
-from experiments.benchmark import simulation, table
+from experiments.benchmark import clock, simulation, table
 from experiments.benchmark.__main__ import Args
 
 
