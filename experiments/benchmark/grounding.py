@@ -1,5 +1,6 @@
 """Grounding, learning included: whole iterations, and their stages."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -23,6 +24,18 @@ REFERENCE = 676.0
 
 def measure_grounding(backend: str, members: int, config: GroundingConfig, seconds: float) -> Row:
     """Simulator steps a second of `members` transformers together: collection and every update of an iteration."""
+    row = measure(iteration(backend, members, config), members * config.batch_size, seconds)
+    return {
+        "backend": backend,
+        "members": members,
+        "copies": config.num_envs,
+        "batch": config.batch_size,
+        **row,
+    }
+
+
+def iteration(backend: str, members: int, config: GroundingConfig) -> Callable[[], Any]:
+    """A call of which makes one iteration of `members` transformers, begun where the last one ended."""
     source = envs.make(SOURCE, backend)
     rollout, _ = policies.shipped(SOURCE, "MS")
     target = envs.make(TARGET, "c" if jax.default_backend() == "cpu" else backend)
@@ -32,14 +45,7 @@ def measure_grounding(backend: str, members: int, config: GroundingConfig, secon
     step = jax.jit(
         jax.vmap(lambda s: adversarial.update(s, source, rollout.rollout, log, config)[0]), donate_argnums=0
     )
-    row = measure(stepper(step, state), members * config.batch_size, seconds)
-    return {
-        "backend": backend,
-        "members": members,
-        "copies": config.num_envs,
-        "batch": config.batch_size,
-        **row,
-    }
+    return stepper(step, state)
 
 
 def measure_stage(stage: str, members: int, config: GroundingConfig, seconds: float) -> Row:

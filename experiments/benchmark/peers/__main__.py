@@ -14,7 +14,7 @@ from typing import Annotated
 import tyro
 
 from experiments.benchmark.peers import page
-from experiments.benchmark.peers.rows import INSTALL, ROWS
+from experiments.benchmark.peers.rows import ROWS, install
 from experiments.storage import versions
 from mpge_jax import files
 
@@ -50,7 +50,7 @@ def measure(args: Args) -> None:
         before = os.getloadavg()
         row = ROWS[name](args.rounds)
         for peer in row["missing"]:
-            print(f"{name}: {peer} is not installed, so it was not run: {INSTALL}", file=sys.stderr)
+            print(f"{name}: {peer} is not installed, so it was not run: {install(peer)}", file=sys.stderr)
         record = {
             "command": shlex.join(["python", "-m", _TOOL, "--row", name, "--rounds", str(args.rounds)]),
             "versions": versions(),

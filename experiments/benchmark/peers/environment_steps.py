@@ -14,6 +14,7 @@ import numpy as np
 from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs
+from envs.c_engine import _cores
 from envs.tasks import gymnasium_spec
 from experiments.benchmark.peers.in_turn import OURS, Call
 from experiments.benchmark.simulation import SOURCE
@@ -69,7 +70,7 @@ def _acting(backend: str, copies: int, steps: int, config: SACConfig) -> Call:
 def _raw(copies: int, steps: int) -> Call:
     """The engine alone under new uniform commands: no observation, reward, reset or policy."""
     env = envs.make(SOURCE, "c")
-    native = mujoco.batch.Batch(env.model, copies, nthread=env.engine._threads)
+    native = mujoco.batch.Batch(env.model, copies, nthread=_cores())
     native.reset()
     ctrl = native.bind("ctrl")
     # In turn, so that nothing is drawn while it is timed.

@@ -4,6 +4,9 @@ Both start from the nominal model and minimise the same whitened residuals of th
 finite differences, its own Gauss-Newton and MuJoCo's rollouts.
 """
 
+import contextlib
+import importlib
+import io
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -59,6 +62,12 @@ class Problem:
         return evaluate(self.search.sim, [at], self.search.train, self.white)[0].loss
 
 
+def toolbox() -> Any:
+    """`mujoco.sysid`; empty where its own requirements are not installed."""
+    # By name: with its types alone the type checker would take MuJoCo for empty.
+    return importlib.import_module("mujoco.sysid")
+
+
 def problem(folder: Path, joints: int, runs: int) -> Problem:
     """Recordings of a chain whose damping and rotor inertia are not those of its model, and what is to be fitted."""
     record(folder, joints, runs)
@@ -107,8 +116,7 @@ def ours(given: Problem) -> tuple[float, np.ndarray]:
 
 def theirs(given: Problem) -> tuple[float, list[tuple[float, np.ndarray]]]:
     """Seconds that sysid's own optimiser took in all, and the parameters that it had looked at after how many."""
-    from mujoco import sysid
-
+    sysid = toolbox()
     params = _parameters(sysid, given)
     residual = sysid.build_residual_fn(
         models_sequences=[_sequences(sysid, given)],
@@ -125,7 +133,9 @@ def theirs(given: Problem) -> tuple[float, list[tuple[float, np.ndarray]]]:
             seen.append((time.perf_counter() - start, np.array(x).reshape(-1)))
         return out
 
-    sysid.optimize(params, noted, verbose=False)
+    # Its optimiser prints every iteration, whatever one asks for.
+    with contextlib.redirect_stdout(io.StringIO()):
+        sysid.optimize(params, noted, verbose=False)
     return time.perf_counter() - start, seen
 
 

@@ -3,15 +3,22 @@
 import importlib.metadata
 import math
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from experiments.benchmark.peers import environment_steps, fit, in_turn, sac_updates
+from experiments.benchmark.peers import environment_steps, fit, gail, in_turn, sac_updates
 from experiments.benchmark.peers.in_turn import OURS
 from mpge_jax.learning.sac import SACConfig
 
 Row = dict[str, Any]
-INSTALL = "pip install -e '.[peers]'"
+
+
+def install(peer: str) -> str:
+    """The line that adds a peer."""
+    return gail.INSTALL if peer == gail.PEER else "pip install -e '.[peers]'"
+
+
 PACKAGES = {"SBX": "sbx-rl", "Stable-Baselines3": "stable-baselines3", "mujoco.sysid": "mujoco"}
 SYSID = "mujoco.sysid"
 
@@ -27,6 +34,16 @@ def sac(rounds: int, updates: int = 64, config: SACConfig | None = None) -> Row:
     work = sac_updates.calls(updates, config or SACConfig())
     missing = [name for name in sac_updates.PEERS if name not in work]
     return _kept(in_turn.in_turn(work, rounds), dict.fromkeys(work, updates), missing, updates=updates)
+
+
+def grounding(rounds: int) -> Row:
+    """Iterations of grounding: 2,048 simulator steps and every update that follows on them."""
+    if not gail.PYTHON.is_file():
+        return _kept({}, {}, [gail.PEER])
+    with gail.Gail() as peer:
+        work = {OURS: gail.ours(), gail.PEER: peer}
+        seconds = in_turn.in_turn(work, rounds)
+    return _kept(seconds, dict.fromkeys(work, gail.PAPER.batch_size))
 
 
 def fits(rounds: int, joints: int = 2, runs: int = 3) -> Row:
@@ -55,14 +72,11 @@ def fits(rounds: int, joints: int = 2, runs: int = 3) -> Row:
     return _kept(seconds, dict.fromkeys(seconds, 1), loss=losses, **shape)
 
 
-ROWS = {"steps": steps, "sac": sac, "fit": fits}
+ROWS: dict[str, Callable[[int], Row]] = {"steps": steps, "sac": sac, "grounding": grounding, "fit": fits}
 
 
 def _has_sysid() -> bool:
-    from mujoco import sysid
-
-    # Without its own requirements the module is there, and empty.
-    return hasattr(sysid, "optimize")
+    return hasattr(fit.toolbox(), "optimize")
 
 
 def _kept(seconds: Any, amounts: Any, missing: Any = (), **more: Any) -> Row:

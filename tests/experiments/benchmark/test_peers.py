@@ -68,7 +68,7 @@ def test_a_missed_mark_is_told_with_its_number(tmp_path):
 def test_what_cannot_be_measured_is_refused(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("sys.argv", ["peers", "--row", "gym", "--kept", str(tmp_path)])
     assert peers.main() == 2
-    assert capsys.readouterr().err == "peers: --row gym is not known (allowed: steps, sac, fit)\n"
+    assert capsys.readouterr().err == "peers: --row gym is not known (allowed: steps, sac, grounding, fit)\n"
 
 
 @pytest.mark.slow
