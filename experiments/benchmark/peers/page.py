@@ -33,9 +33,9 @@ NOTES = {
     "of a call in one compiled program. In a profile (`jax.profiler`) about nine tenths of our update are matrix "
     "products with what XLA fuses to them, and SBX has the same products to compute.",
     "grounding": "Ours: five rollout policies, 64 simulators, iterations of 2,048 steps; the discriminator's four "
-    "updates on 512 rows of each side, TRPO and the value functions. `imitation` 1.0.1: 2,048 steps of 8 environments, the "
-    "same networks, batches and updates, TRPO by sb3-contrib, with one value function and no gradient penalty, on a log "
-    "that is drawn; it runs in a Python of its own (it wants gymnasium below 1) and tells its own seconds.",
+    "updates on 512 rows of each side, TRPO and the value functions. `imitation` 1.0.1: 2,048 steps of 8 environments, "
+    "the same networks, batches and updates, TRPO by sb3-contrib, with one value function and no gradient penalty, on a "
+    "log that is drawn; it runs in a Python of its own (it wants gymnasium below 1) and tells its own seconds.",
     "fit": "Ours and sysid's own optimiser (Gauss-Newton, finite differences, MuJoCo's rollouts) minimise the same "
     "whitened residuals from the nominal model; sysid's clock stops where it first is within 0.1 % of our loss. It "
     "begins a twentieth of its range off its bounds, as it advises. The whole search knows neither which effects act "
