@@ -34,8 +34,8 @@ NOTES = {
     "products with what XLA fuses to them, and SBX has the same products to compute.",
     "grounding": "Ours: five rollout policies, 64 simulators, iterations of 2,048 steps; the discriminator's four "
     "updates on 512 rows of each side, TRPO and the value functions. `imitation` 1.0.1: 2,048 steps of 8 environments, "
-    "the same networks, batches and updates, TRPO by sb3-contrib, with one value function and no gradient penalty, on a "
-    "log that is drawn; it runs in a Python of its own (it wants gymnasium below 1) and tells its own seconds.",
+    "the same networks, batches and updates, TRPO by sb3-contrib, with one value function and no gradient penalty, on "
+    "a log that is drawn; it runs in a Python of its own (it wants gymnasium below 1) and tells its own seconds.",
     "fit": "Ours and sysid's own optimiser (Gauss-Newton, finite differences, MuJoCo's rollouts) minimise the same "
     "whitened residuals from the nominal model; sysid's clock stops where it first is within 0.1 % of our loss. It "
     "begins a twentieth of its range off its bounds, as it advises. The whole search knows neither which effects act "
@@ -46,7 +46,7 @@ LACKING = """## Not measured
 
 - Time to an action-transformation error of 0.10 on BrokenCheetah, beside GAT and the paper's way.
 - Growth with copies, transformers, policies, samples and joints; memory of 4,096 copies and five transformers.
-- Anything on a GPU.
+- Anything on a GPU: `make gpu-check` does it where there is an NVIDIA one, and writes `results/gpu`.
 """
 
 

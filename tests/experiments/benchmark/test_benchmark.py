@@ -1,13 +1,17 @@
 """The benchmark's arithmetic on made-up durations; that a measurement runs; and what it refuses."""
 
+import re
 from pathlib import Path
 
 import jax
 import pytest
+import tyro
 
 from experiments.benchmark import __main__ as benchmark
 from experiments.benchmark import clock, simulation, table
 from experiments.benchmark.__main__ import Args
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_rate_is_amount_over_the_median_of_calls_after_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,6 +59,16 @@ def test_the_plan_covers_what_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
         ("sac", "1 at once"),
         ("sac", "2 at once"),
     ]
+
+
+def test_the_gpu_check_measures_both_engines_that_run_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    (line,) = re.findall(
+        r"experiments\.benchmark (--part .*) \$\(ARGS\)", (ROOT / "Makefile").read_text("utf-8")
+    )
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    planned = [(part, label) for part, label, _ in benchmark.plan(tyro.cli(Args, args=line.split()))]
+    assert ("envs", "warp, 16384 copies") in planned and ("envs", "mjx, 1024 copies") in planned
+    assert ("grounding", "warp, 5 at once") in planned and planned[-1] == ("sac", "5 at once")
 
 
 def test_grounding_has_the_papers_batch() -> None:
