@@ -27,7 +27,7 @@ SUPPORTED := import ensurepip, sys, venv; \
 CANDIDATES := $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo docs cuda sweep inspect diagnose fleet pretrain benchmark test test-slow matrix installed check format lock clean FORCE
+.PHONY: help install demo docs cuda sweep inspect diagnose fleet pretrain benchmark peers gpu-check test test-slow matrix installed check format lock clean FORCE
 
 help: ## list the targets
 	@echo "mpge-jax. The first target that needs it installs everything into $(VENV) (Python 3.11 to 3.13)."
@@ -61,6 +61,13 @@ pretrain: $(STAMP) ## train the source policies that ship with the project anew
 
 benchmark: $(STAMP) ## measure simulation and grounding speed on this machine
 	$(PY) -m experiments.benchmark $(ARGS)
+
+peers: $(STAMP) ## measure speed beside other libraries, which it installs, and write docs/speed.md
+	@$(PIP) --quiet -e '.[peers]'
+	$(PY) -m experiments.benchmark.peers $(ARGS)
+
+gpu-check: cuda ## measure on an NVIDIA GPU: 1,024 to 16,384 copies, one and five transformers; writes results/gpu
+	$(PY) -m experiments.benchmark --part envs grounding sac --backend mjx warp --copies 1024 4096 16384 --members 1 5 --out results/gpu $(ARGS)
 
 test: $(STAMP) ## run the tests
 	$(PY) -m pytest -n $(WORKERS) $(DIST) $(ARGS)

@@ -21,7 +21,8 @@ import tyro
 from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs
-from experiments import benchmark, report
+from experiments import report
+from experiments.benchmark import table
 from experiments.methods import METHODS
 from mpge_jax import files
 from mpge_jax.loop import Curve
@@ -335,7 +336,7 @@ def page(args: Args) -> str:
         parts += ["## Sweeps", *(sweep_section(sweep, images, args.out) for sweep in read)]
     parts += ["## Source policies", policies_section()]
     if records:
-        parts += ["## Speed", *(benchmark.markdown(record).rstrip() for record in records)]
+        parts += ["## Speed", *(table.markdown(record).rstrip() for record in records)]
     return "\n\n".join(parts) + "\n"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 _HOME = Path(__file__).resolve().parents[1]
 _WITHOUT_ENVS = ("diagnose", "fleet", "inspect")
-_PACKAGES = ("demo", "fleet")
+_PACKAGES = ("benchmark", "demo", "fleet")
 
 
 def stranger(package: str) -> Path | None:

@@ -25,7 +25,7 @@ ROOMS = (
     "mpge_jax.recorded", "mpge_jax", "experiments.command_line", "experiments.runners",
     f"{B}.vocabulary", f"{B}.robots", f"{B}.truth", f"{B}.visibility", f"{B}.draws", f"{B}.case", f"{B}.build",
     f"{B}.run", f"{B}.scoring", B,
-    "experiments.fleet", "experiments", "experiments.scale",
+    "experiments.fleet", "experiments", "experiments.scale", "experiments.benchmark.peers",
 )  # fmt: skip
 """Packages, and modules beside packages, from the lowest to the highest: each may import those before it. A package
 that stands behind its own parts holds what is left of it: the names that it gives to others."""

@@ -14,7 +14,8 @@ import tyro
 
 import envs
 from envs import registry
-from experiments import benchmark, diagnose, inspect, new, pretrain, results, sweep
+from experiments import diagnose, inspect, new, pretrain, results, sweep
+from experiments.benchmark import __main__ as benchmark
 from experiments.fleet import __main__ as fleet
 from experiments.methods import METHODS
 from experiments.presets import PRESETS

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import tyro
 
-from experiments import benchmark, diagnose, facts, inspect, new, pretrain, results, sweep, tuning
+from experiments import diagnose, facts, inspect, new, pretrain, results, sweep, tuning
+from experiments.benchmark import __main__ as benchmark
 from experiments.demo import __main__ as demo
 from mpge_jax.diagnosis.effects import REGISTRY, VOCABULARY
 

@@ -1,30 +1,35 @@
 """The benchmark's arithmetic on made-up durations; that a measurement runs; and what it refuses."""
 
+import re
 from pathlib import Path
 
 import jax
 import pytest
+import tyro
 
-from experiments import benchmark
-from experiments.benchmark import Args
+from experiments.benchmark import __main__ as benchmark
+from experiments.benchmark import clock, simulation, table
+from experiments.benchmark.__main__ import Args
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_rate_is_amount_over_the_median_of_calls_after_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     # Start and end of each call: 50 s with the compilation, then 1, 4 and 2 s, median 2 s.
-    clock = iter([0.0, 50.0, 50.0, 51.0, 51.0, 55.0, 55.0, 57.0])
-    monkeypatch.setattr(benchmark.time, "perf_counter", lambda: next(clock))
-    row = benchmark.measure(lambda: None, amount=300.0, seconds=5.0)
+    times = iter([0.0, 50.0, 50.0, 51.0, 51.0, 55.0, 55.0, 57.0])
+    monkeypatch.setattr(clock.time, "perf_counter", lambda: next(times))
+    row = clock.measure(lambda: None, amount=300.0, seconds=5.0)
     assert row == {"rate": 150.0, "calls": 3, "first_call_seconds": 50.0}
 
 
 def test_calls_go_on_for_the_time_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = iter([0.0] * 2 + [0.0, 1.0] * 10)
-    monkeypatch.setattr(benchmark.time, "perf_counter", lambda: next(clock))
-    assert benchmark.measure(lambda: None, amount=1.0, seconds=5.0)["calls"] == 5
+    times = iter([0.0] * 2 + [0.0, 1.0] * 10)
+    monkeypatch.setattr(clock.time, "perf_counter", lambda: next(times))
+    assert clock.measure(lambda: None, amount=1.0, seconds=5.0)["calls"] == 5
 
 
 def test_ratios_by_hand() -> None:
-    rows = benchmark.ratios(
+    rows = table.ratios(
         [
             {"part": "envs", "backend": "gymnasium", "rate": 2_000.0},
             {"part": "envs", "backend": "c", "rate": 50_000.0},
@@ -40,7 +45,7 @@ def test_ratios_by_hand() -> None:
 
 
 def test_an_environment_is_measured() -> None:
-    row = benchmark.measure_env("c", 2, seconds=0.01)
+    row = simulation.measure_env("c", 2, seconds=0.01)
     assert row["rate"] > 0
     assert (row["backend"], row["copies"]) == ("c", 2)
 
@@ -56,6 +61,16 @@ def test_the_plan_covers_what_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     ]
 
 
+def test_the_gpu_check_measures_both_engines_that_run_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    (line,) = re.findall(
+        r"experiments\.benchmark (--part .*) \$\(ARGS\)", (ROOT / "Makefile").read_text("utf-8")
+    )
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    planned = [(part, label) for part, label, _ in benchmark.plan(tyro.cli(Args, args=line.split()))]
+    assert ("envs", "warp, 16384 copies") in planned and ("envs", "mjx, 1024 copies") in planned
+    assert ("grounding", "warp, 5 at once") in planned and planned[-1] == ("sac", "5 at once")
+
+
 def test_grounding_has_the_papers_batch() -> None:
     for _, _, call in benchmark.plan(Args(part=("grounding",), backend=("c",))):
         assert call.args[2].batch_size == 2_048  # type: ignore[attr-defined]
@@ -63,7 +78,7 @@ def test_grounding_has_the_papers_batch() -> None:
 
 def test_the_record_is_written_as_json_and_markdown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     measured = {"members": 1, "batch": 256, "rate": 1_234.5, "calls": 3, "first_call_seconds": 0.1}
-    monkeypatch.setattr(benchmark, "measure_sac", lambda *_: measured)
+    monkeypatch.setattr(benchmark.sac, "measure_sac", lambda *_: measured)
     monkeypatch.setattr("sys.argv", ["benchmark", "--part", "sac", "--members", "1", "--out", str(tmp_path)])
     assert benchmark.main() == 0
     assert '"rate": 1234.5' in (tmp_path / "benchmark.json").read_text()

@@ -1,0 +1,1 @@
+"""How fast this is: simulation, grounding and SAC; beside other libraries; by size; on a GPU."""

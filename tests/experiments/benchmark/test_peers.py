@@ -1,0 +1,83 @@
+"""Ours beside peers: the arithmetic by hand, peers that are not installed, and that both fits have one objective."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.benchmark.peers import __main__ as peers
+from experiments.benchmark.peers import fit, in_turn, page, rows, sac_updates
+from experiments.benchmark.peers.in_turn import OURS
+from mpge_jax.learning.sac import SACConfig
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def test_the_page_is_that_of_the_kept_measurements():
+    text = page.markdown(ROOT / "docs" / "results" / "speed")
+    written = (ROOT / "docs" / "speed.md").read_text("utf-8")
+    assert written == text, "python -m experiments.benchmark.peers --row writes it anew"
+
+
+def test_ratios_are_of_one_round_by_hand():
+    # The machine is three times as slow in the second round: ours is twice as fast in each.
+    seconds = {OURS: [1.0, 3.0], "peer": [2.0, 6.0]}
+    assert in_turn.ratio(seconds, {OURS: 10, "peer": 10}, "peer") == [2.0, 2.0, 2.0]
+    # Of half the work in the same time.
+    assert in_turn.ratio(seconds, {OURS: 10, "peer": 5}, "peer") == [4.0, 4.0, 4.0]
+    assert in_turn.rates(seconds, {OURS: 10, "peer": 5}) == {OURS: 5.0, "peer": 1.25}
+
+
+def test_calls_take_turns_and_warming_up_is_not_kept():
+    order: list[str] = []
+    # What another process measured itself is taken as it says.
+    seconds = in_turn.in_turn(
+        {"a": lambda: order.append("a"), "b": lambda: order.append("b") or 7.0}, 2, warm=1
+    )
+    assert order == ["a", "b"] * 3
+    assert seconds["b"] == [7.0, 7.0] and len(seconds["a"]) == 2
+
+
+def test_peers_that_are_not_installed_are_named(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(sac_updates, "is_there", lambda _: False)
+    tiny = lambda rounds: rows.sac(rounds, 1, SACConfig(hidden=(4,), batch_size=2))  # noqa: E731
+    monkeypatch.setitem(peers.ROWS, "sac", tiny)
+    kept, out = tmp_path / "kept", tmp_path / "speed.md"
+    monkeypatch.setattr(
+        "sys.argv", ["peers", "--row", "sac", "--rounds", "1", "--kept", str(kept), "--out", str(out)]
+    )
+    assert peers.main() == 0
+    assert "SBX is not installed, so it was not run: pip install -e '.[peers]'" in capsys.readouterr().err
+    assert "| SBX | not run: `pip install -e '.[peers]'` |" in out.read_text("utf-8")
+    assert json.loads((kept / "sac.json").read_text())["missing"] == ["SBX", "Stable-Baselines3"]
+
+
+def test_a_missed_mark_is_told_with_its_number(tmp_path):
+    row = {
+        "seconds": {OURS: [2.0], "SBX": [2.0]},
+        "amounts": {OURS: 64, "SBX": 64},
+        "missing": [],
+        "updates": 64,
+    }
+    more = {"command": "c", "versions": {"machine": "m"}, "load_average": [1.0, 2.0], "peers": {}}
+    (tmp_path / "sac.json").write_text(json.dumps({**row, **more}))
+    assert "| SBX | 32 | 1.00 (1.00 to 1.00) | 1.3 | **missed** |" in page.markdown(tmp_path)
+
+
+def test_what_cannot_be_measured_is_refused(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("sys.argv", ["peers", "--row", "gym", "--kept", str(tmp_path)])
+    assert peers.main() == 2
+    assert capsys.readouterr().err == "peers: --row gym is not known (allowed: steps, sac, grounding, fit)\n"
+
+
+@pytest.mark.slow
+def test_both_fits_have_one_objective(tmp_path):
+    pytest.importorskip("tabulate")
+    if not rows._has_sysid():
+        pytest.skip("mujoco.sysid is not installed")
+    given = fit.problem(tmp_path, 1, 2)
+    _, theta = fit.ours(given)
+    _, seen = fit.theirs(given)
+    np.testing.assert_allclose(seen[-1][1], theta, rtol=0.05)
+    assert given.loss(seen[-1][1]) == pytest.approx(given.loss(theta), rel=0.02)
