@@ -9,7 +9,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, by_command
-from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import numerical_floor
 from mpge_jax.diagnosis.estimation.whitening import (
     INTEGRATOR,
@@ -97,6 +97,13 @@ def numerics_seen(p: Prepared, f: Fitted, w: Windows) -> tuple[dict[str, float],
     return amounts, warnings
 
 
+def _allowed(p: Prepared, held: FitReport) -> float:
+    """The error (rms) that noise and `numerics`, clearly there or not, leave of the model as given."""
+    kinds = (STEP, LATE, INTEGRATOR)
+    each = [numerical_floor(p.sim, NOTHING, held.windows, p.noise, {kind: 1.0}) for kind in kinds]
+    return held.beside(np.sum(each, axis=0)).floor
+
+
 def judge(
     p: Prepared,
     plain: mujoco.MjModel,
@@ -129,7 +136,7 @@ def judge(
         for r in (train, held)
     )
     left, share = found.left, 0.0
-    if not corrected and left is None and held.before.rms > FAR * held.floor:
+    if not corrected and left is None and held.before.rms > FAR * _allowed(p, held):
         left = leaves(s, found.fit)
     if left is not None:
         share = held.left(p.sim.rugged(left.fit.hypothesis)) ** 2 if corrected else 1.0
