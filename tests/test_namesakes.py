@@ -81,6 +81,17 @@ def test_a_clash_is_one_sentence(beside, command, package):
     )
 
 
+@pytest.mark.parametrize("command", ["demo", "sweep"])
+def test_a_module_that_is_run_says_it_in_one_sentence_too(beside, command):
+    """`experiments` is found, and `envs` is another's."""
+    (beside / "experiments" / "__init__.py").unlink()
+    (beside / "experiments").rmdir()
+    done = _run(beside, sys.executable, "-m", f"experiments.{command}", "--help")
+    said = done.stderr.strip()
+    assert done.returncode == 2 and "\n" not in said and not done.stdout
+    assert said.startswith(f"{beside / 'envs'} stands before this library's own package 'envs'")
+
+
 def test_every_command_has_a_script():
     scripts = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
     for name, target in scripts.items():

@@ -19,6 +19,8 @@ from pathlib import Path
 
 import tyro
 
+from mpge_jax import own_envs as own_envs  # isort: split
+
 from experiments.demo import page
 from experiments.demo.simulated import simulated_arm
 from mpge_jax import files

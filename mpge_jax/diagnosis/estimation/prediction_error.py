@@ -77,9 +77,8 @@ def numerical_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts
     columns = np.nan_to_num(changes(sim, start_runs(f.hypothesis, f.theta, whole), whole))
     known = np.where(w.lead[..., None] & np.isfinite(scale), 1.0 / scale**2, 0.0)
     changed = numerics(sim, f.hypothesis, f.theta, whole)
-    d = np.clip(
-        np.nan_to_num(sum(a * changed[kind] for kind, a in amounts.items() if kind in changed)), -1e3, 1e3
-    )
+    moves = [a * changed[kind] for kind, a in amounts.items() if kind in changed]
+    d = np.clip(np.nan_to_num(np.sum([np.zeros_like(columns[0]), *moves], axis=0)), -1e3, 1e3)
     follows = -np.einsum("wst,twnd,wnd->ws", cov, columns, known * d, optimize=True)
     d = d + np.einsum("swnd,ws->wnd", columns, follows, optimize=True)
     return (d[..., :nv] ** 2 * w.seen[..., None]).sum((1, 2)) / np.maximum(w.seen.sum(1) * nv, 1)
