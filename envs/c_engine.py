@@ -80,7 +80,7 @@ class CEngine:
     ):
         self.model = model
         self._forces, self._fields, self._seen = tuple(forces), tuple(fields), tuple(seen)
-        self._threads = threads or _cores()
+        self._threads = threads or cores()
         self._batches: dict[int, _Batch] = {}
         self._calls: dict[tuple[int, np.dtype[Any]], Callable[..., tuple[jax.Array, ...]]] = {}
         self._lock = threading.Lock()
@@ -216,6 +216,6 @@ def _wait() -> None:
             array.block_until_ready()
 
 
-def _cores() -> int:
+def cores() -> int:
     # macOS has no affinity.
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

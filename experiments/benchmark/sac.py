@@ -10,25 +10,36 @@ from mpge_jax.learning.sac import SACConfig
 UPDATES = 64
 
 
-def measure_sac(members: int, config: SACConfig, seconds: float) -> Row:
-    """SAC updates a second of `members` agents together, on random transitions of HalfCheetah's sizes."""
-    obs_size, action_size, rows = 17, 6, 10_000
-    key_init, key_rows = jax.random.split(jax.random.key(0))
+OBSERVATION, ACTION, ROWS = 17, 6, 10_000
+"""HalfCheetah's sizes, and transitions that are drawn for them."""
+
+
+def full_buffer(key: jax.Array) -> buffer.ReplayBuffer:
+    """A buffer full of random transitions."""
 
     def draw(stream: int, *shape: int) -> jax.Array:
-        return jax.random.normal(jax.random.fold_in(key_rows, stream), shape)
+        return jax.random.normal(jax.random.fold_in(key, stream), shape)
 
     data = buffer.Transition(
-        obs=draw(0, rows, obs_size),
-        action=jnp.tanh(draw(1, rows, action_size)),
-        reward=draw(2, rows),
-        next_obs=draw(3, rows, obs_size),
-        terminated=jnp.zeros(rows),
+        obs=draw(0, ROWS, OBSERVATION),
+        action=jnp.tanh(draw(1, ROWS, ACTION)),
+        reward=draw(2, ROWS),
+        next_obs=draw(3, ROWS, OBSERVATION),
+        terminated=jnp.zeros(ROWS),
     )
-    memory = buffer.add_batch(buffer.init(rows, obs_size, action_size), data)
-    learners = jax.jit(jax.vmap(lambda k: sac.init(k, obs_size, action_size, jnp.ones(action_size), config)))(
-        jax.random.split(key_init, members)
-    )
+    return buffer.add_batch(buffer.init(ROWS, OBSERVATION, ACTION), data)
+
+
+def agent(key: jax.Array, config: SACConfig) -> sac.SACState:
+    """An agent of HalfCheetah's sizes."""
+    return sac.init(key, OBSERVATION, ACTION, jnp.ones(ACTION), config)
+
+
+def measure_sac(members: int, config: SACConfig, seconds: float) -> Row:
+    """SAC updates a second of `members` agents together, on random transitions of HalfCheetah's sizes."""
+    key_init, key_rows = jax.random.split(jax.random.key(0))
+    memory = full_buffer(key_rows)
+    learners = jax.jit(jax.vmap(lambda k: agent(k, config)))(jax.random.split(key_init, members))
 
     def one(learner: sac.SACState, key: jax.Array) -> sac.SACState:
         return sac.update_many(learner, memory, key, UPDATES, config)[0]

@@ -2,7 +2,9 @@
 
 import importlib.util
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import jax
@@ -24,13 +26,18 @@ def available() -> tuple[str, ...]:
     return ("c", "mjx", "warp") if nvidia else ("c", "mjx")
 
 
-def measure_gymnasium(seconds: float) -> Row:
-    """One environment of Gymnasium in a Python loop: what the others are compared with."""
+def of_gymnasium(make: Callable[..., Any], *args: Any) -> Any:
+    """Gymnasium's environment, or a vector of it, made by `make` with what follows its name."""
     with tempfile.TemporaryDirectory() as folder:
         # Without the deprecated attribute, of which MuJoCo would leave a log file in the working folder.
         model = Path(folder) / "model.xml"
         model.write_text(gymnasium_spec("half_cheetah.xml").to_xml())
-        env = gymnasium.make(f"{SOURCE}-v5", xml_file=str(model))
+        return make(f"{SOURCE}-v5", *args, xml_file=str(model))
+
+
+def measure_gymnasium(seconds: float) -> Row:
+    """One environment of Gymnasium in a Python loop: what the others are compared with."""
+    env = of_gymnasium(gymnasium.make)
     env.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (500, *(env.action_space.shape or ())))
 

@@ -44,7 +44,12 @@ def _diagnose(folder: Path, title: str, page: str):
     return d
 
 
-@pytest.mark.parametrize("design", ["A0", "C0", "C1"])
+LEFT = pytest.mark.xfail(
+    strict=True, reason="more is missing of C0 than is found: what its page says is left"
+)
+
+
+@pytest.mark.parametrize("design", ["A0", pytest.param("C0", marks=LEFT), "C1"])
 def test_double_pendulum(design):
     folder = RECORDINGS / "dfki_double_pendulum" / "standard" / design
     d = _diagnose(folder, f"Double pendulum {design}", f"double_pendulum_{design}.md")
@@ -52,8 +57,7 @@ def test_double_pendulum(design):
     # what the recordings cannot tell apart is named as the candidates of `ambiguous`
     named = set(d.terms).union(*(f.hypothesis.terms for fits in candidates_of(d).values() for f in fits))
     assert {t.place.name for t in named} >= {"shoulder", "elbow"}
-    # of C0 more is missing than is found: what its page says is left
-    assert (ratio > (2.5 if design == "C0" else 5)).all()
+    assert (ratio > 5).all()
 
 
 def test_zeros_of_the_held_out_session_of_c0_carry_over_from_one_recording_to_the_other():

@@ -1,9 +1,6 @@
 """HalfCheetah's steps with a policy: ours beside raw MuJoCo, Gymnasium's vector environment, and MJX on CPU."""
 
-import tempfile
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import gymnasium
 import jax
@@ -14,10 +11,10 @@ import numpy as np
 from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs
-from envs.c_engine import _cores
-from envs.tasks import gymnasium_spec
-from experiments.benchmark.peers.in_turn import OURS, Call
-from experiments.benchmark.simulation import SOURCE
+from envs.c_engine import cores
+from experiments.benchmark.clock import stepper
+from experiments.benchmark.peers.in_turn import OURS, Call, over
+from experiments.benchmark.simulation import SOURCE, of_gymnasium
 from mpge_jax.learning import sac
 from mpge_jax.learning.sac import SACConfig
 
@@ -53,24 +50,19 @@ def _acting(backend: str, copies: int, steps: int, config: SACConfig) -> Call:
         return jax.vmap(env.step)(state, sac.act(actor, state.obs, key)), None
 
     @partial(jax.jit, donate_argnums=0)
-    def roll(state: envs.State, key: jax.Array) -> tuple[envs.State, jax.Array]:
+    def roll(carry: tuple[envs.State, jax.Array]) -> tuple[envs.State, jax.Array]:
+        state, key = carry
         key, key_steps = jax.random.split(key)
         return jax.lax.scan(body, state, jax.random.split(key_steps, steps))[0], key
 
     state = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), copies))
-    held: list[Any] = [state, jax.random.key(1)]
-
-    def call() -> None:
-        held[:] = roll(*held)
-        jax.block_until_ready(held)
-
-    return call
+    return over(stepper(roll, (state, jax.random.key(1))))
 
 
 def _raw(copies: int, steps: int) -> Call:
     """The engine alone under new uniform commands: no observation, reward, reset or policy."""
     env = envs.make(SOURCE, "c")
-    native = mujoco.batch.Batch(env.model, copies, nthread=_cores())
+    native = mujoco.batch.Batch(env.model, copies, nthread=cores())
     native.reset()
     ctrl = native.bind("ctrl")
     # In turn, so that nothing is drawn while it is timed.
@@ -86,10 +78,7 @@ def _raw(copies: int, steps: int) -> Call:
 
 def _vector(copies: int, steps: int) -> Call:
     """Gymnasium's vector environment, its copies in this process."""
-    with tempfile.TemporaryDirectory() as folder:
-        model = Path(folder) / "model.xml"
-        model.write_text(gymnasium_spec("half_cheetah.xml").to_xml())
-        vector = gymnasium.make_vec(f"{SOURCE}-v5", copies, "sync", xml_file=str(model))
+    vector = of_gymnasium(gymnasium.make_vec, copies, "sync")
     vector.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (16, *(vector.action_space.shape or ())))
 

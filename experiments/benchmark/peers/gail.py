@@ -5,10 +5,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-import jax
-
 from experiments.benchmark.grounding import iteration
-from experiments.benchmark.peers.in_turn import Call
+from experiments.benchmark.peers.in_turn import Call, over
 from mpge_jax.grounding.config import GroundingConfig
 
 PEER = "imitation (GAIL, TRPO)"
@@ -25,12 +23,7 @@ PAPER = GroundingConfig(discriminator_updates=4, discriminator_batch=512)
 
 def ours(config: GroundingConfig = PAPER) -> Call:
     """One iteration of grounding on the C engine."""
-    step = iteration("c", 1, config)
-
-    def call() -> None:
-        jax.block_until_ready(step())
-
-    return call
+    return over(iteration("c", 1, config))
 
 
 class Gail(AbstractContextManager[Call]):

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import jax
+
 OURS = "mpge_jax"
 Call = Callable[[], Any]
 """Work that is over when the call returns; a number of seconds where another process measured it itself."""
@@ -22,6 +24,15 @@ def in_turn(calls: Mapping[str, Call], rounds: int, warm: int = 2) -> dict[str, 
             if number >= warm:
                 seconds[name].append(taken)
     return seconds
+
+
+def over(call: Call) -> Call:
+    """`call`, whose arrays are there when it returns."""
+
+    def waited() -> None:
+        jax.block_until_ready(call())
+
+    return waited
 
 
 def rates(seconds: Mapping[str, list[float]], amounts: Mapping[str, float]) -> dict[str, float]:

@@ -4,14 +4,13 @@ import json
 import statistics
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from experiments.benchmark.clock import Row
 from experiments.benchmark.grounding import REFERENCE
 from experiments.benchmark.peers import environment_steps, gail
 from experiments.benchmark.peers.in_turn import OURS, rates, ratio
 from experiments.benchmark.peers.rows import ROWS, SYSID, install
 
-Row = dict[str, Any]
 TITLES = {
     "steps": "Environment steps: {copies} HalfCheetahs whose actions a 256-256 policy draws",
     "sac": "SAC updates: 256-256, batch 256, HalfCheetah's sizes, {updates} a call",

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from experiments.benchmark.clock import Row
 from experiments.benchmark.peers import environment_steps, fit, gail, in_turn, sac_updates
 from experiments.benchmark.peers.in_turn import OURS
 from mpge_jax.learning.sac import SACConfig
-
-Row = dict[str, Any]
 
 
 def install(peer: str) -> str:

@@ -6,15 +6,15 @@ from typing import Any
 
 import gymnasium
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from experiments.benchmark.peers.in_turn import OURS, Call, is_there
-from mpge_jax.learning import buffer, sac
+from experiments.benchmark.clock import stepper
+from experiments.benchmark.peers.in_turn import OURS, Call, is_there, over
+from experiments.benchmark.sac import ACTION, OBSERVATION, ROWS, agent, full_buffer
+from mpge_jax.learning import sac
 from mpge_jax.learning.sac import SACConfig
 
 PEERS = {"SBX": "sbx", "Stable-Baselines3": "stable_baselines3"}
-OBSERVATION, ACTION, ROWS = 17, 6, 10_000
 
 
 class _Sizes(gymnasium.Env):
@@ -46,29 +46,16 @@ def calls(updates: int, config: SACConfig) -> dict[str, Call]:
 
 
 def _ours(updates: int, config: SACConfig) -> Call:
-    draw = np.random.default_rng(0).normal
-    data = buffer.Transition(
-        obs=jnp.asarray(draw(size=(ROWS, OBSERVATION)), jnp.float32),
-        action=jnp.tanh(jnp.asarray(draw(size=(ROWS, ACTION)), jnp.float32)),
-        reward=jnp.asarray(draw(size=ROWS), jnp.float32),
-        next_obs=jnp.asarray(draw(size=(ROWS, OBSERVATION)), jnp.float32),
-        terminated=jnp.zeros(ROWS),
-    )
-    memory = buffer.add_batch(buffer.init(ROWS, OBSERVATION, ACTION), data)
-    start = jax.jit(lambda key: sac.init(key, OBSERVATION, ACTION, jnp.ones(ACTION), config))
+    memory = full_buffer(jax.random.key(0))
 
     @partial(jax.jit, donate_argnums=0)
-    def step(learner: sac.SACState, key: jax.Array) -> tuple[sac.SACState, jax.Array]:
+    def step(carry: tuple[sac.SACState, jax.Array]) -> tuple[sac.SACState, jax.Array]:
+        learner, key = carry
         key, key_updates = jax.random.split(key)
         return sac.update_many(learner, memory, key_updates, updates, config)[0], key
 
-    held = [start(jax.random.key(0)), jax.random.key(1)]
-
-    def call() -> None:
-        held[:] = step(*held)
-        jax.block_until_ready(held)
-
-    return call
+    start = jax.jit(partial(agent, config=config))(jax.random.key(0))
+    return over(stepper(step, (start, jax.random.key(1))))
 
 
 def _theirs(
@@ -78,7 +65,7 @@ def _theirs(
     done: Callable[[Any], Any] = lambda _: None,
     **options: Any,
 ) -> Call:
-    agent = agent_class(
+    learner = agent_class(
         "MlpPolicy",
         _Sizes(),
         learning_rate=config.critic_lr,
@@ -90,16 +77,16 @@ def _theirs(
         **options,
     )
     # Makes its logger, as `learn` would.
-    agent._setup_learn(total_timesteps=1)
-    memory, draw = agent.replay_buffer, np.random.default_rng(0).normal
+    learner._setup_learn(total_timesteps=1)
+    memory, draw = learner.replay_buffer, np.random.default_rng(0).normal
     for rows in (memory.observations, memory.next_observations, memory.rewards):
         rows[:] = draw(size=rows.shape)
     memory.actions[:] = np.tanh(draw(size=memory.actions.shape))
     memory.full = True
 
     def call() -> None:
-        agent.train(gradient_steps=updates, batch_size=config.batch_size)
+        learner.train(gradient_steps=updates, batch_size=config.batch_size)
         # What JAX has only begun.
-        jax.block_until_ready(done(agent))
+        jax.block_until_ready(done(learner))
 
     return call

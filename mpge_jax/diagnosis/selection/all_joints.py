@@ -15,17 +15,16 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
-from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
-from mpge_jax.diagnosis.selection.competition import LOUD, at_noise
+from mpge_jax.diagnosis.selection.competition import at_noise, loud
 from mpge_jax.diagnosis.selection.criteria import NAMED, accept, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
 AFTER = 3
-"""Effects that the forward search has found, or joints that still lack something, at which the other direction is
-tried."""
+"""Effects that the forward search has found, or degrees of freedom that still lack something, at which the other
+direction is tried."""
 TOGETHER = 2
 """Plain effects of joints that it has found, at which that is tried before the search ends."""
 HALF = 0.5
@@ -79,7 +78,7 @@ def due(s: Search, current: Fitted) -> bool:
         return True
     white = s.whiten_one(current, s.train, temper=False)
     flat = white(s.sim.residuals([Run(current.hypothesis, current.theta)], s.train))[0]
-    return int((robust_loss(white.by_dof(flat, s.sim.model.nv)).mean(0) > LOUD).sum()) >= AFTER
+    return int(loud(white, flat, s.sim.model.nv).sum()) >= AFTER
 
 
 def drives_lack(f: Fitted) -> bool:

@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.selection.remainder import remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 
+Array = np.ndarray
 KEEP, KEEP_OF_MANY = 7, 3
 """Candidates that are fitted properly after screening, and beside `MANY` terms."""
 HOPELESS = 0.06
@@ -70,16 +71,19 @@ def at_noise(s: Search, base: Fitted, white: Whitener) -> bool:
         flat = white(s.sim.residuals([Run(base.hypothesis, base.theta)], w))[0]
         x, limit = white.excess(flat), SETTLED if base.hypothesis.terms else QUIET
         # in a large machine, what one joint lacks drowns in the mean over all
-        if not base.hypothesis.terms:
-            each = robust_loss(white.by_dof(flat, s.sim.model.nv)).mean(0)
-            if each.max() > LOUD:
-                return _at_floor(s, base)
+        if not base.hypothesis.terms and loud(white, flat, s.sim.model.nv).any():
+            return _at_floor(s, base)
         outlying += int(stand_out(robust_loss(x)).sum())
         # a tempered whitener, or an overestimated noise, says nothing
         little = np.median(x) < 0.5 and not white.inexact
         if white.factor != 1.0 or little or robust_loss(x).mean() > limit:
             return _at_floor(s, base)
     return outlying < SEVERAL or _at_floor(s, base)
+
+
+def loud(white: Whitener, flat: Array, nv: int) -> Array:
+    """Degrees of freedom [nv] at which something may be missing, by whitened residuals [W, M]."""
+    return robust_loss(white.by_dof(flat, nv)).mean(0) > LOUD
 
 
 def _at_floor(s: Search, base: Fitted) -> bool:

@@ -67,26 +67,24 @@ class Search:
 
     def score(self, fits: list[Fitted], whites: tuple[Whitener, Whitener]) -> list[Scored]:
         factor, out = max(white.factor for white in whites), []
-        losses, each = zip(
-            *(self._losses(fits, *x) for x in zip((self.train, self.held), whites, strict=True)), strict=True
-        )
-        for k, f in enumerate(fits):
+        train, held = self._losses(fits, self.train, whites[0]), self._losses(fits, self.held, whites[1])
+        for f, (a, a_each), (b, b_each) in zip(fits, train, held, strict=True):
             tier = sum(t.effect.tier for t in f.hypothesis.terms)
-            train, held = (x[k] for x in losses)
-            joints = np.concatenate([x[k] for x in each])
-            out.append(Scored(f, train, held, f.directions(self.sim.ctx), tier, factor, joints))
+            each = np.concatenate([a_each, b_each])
+            out.append(Scored(f, a, b, f.directions(self.sim.ctx), tier, factor, each))
         return out
 
-    def _losses(self, fits: list[Fitted], w: Windows, white: Whitener) -> tuple[list[Array], list[Array]]:
-        """Losses of every fit, of windows [W] and of each joint by itself [W, joints]."""
-        m = self.sim.model
-        first = np.flatnonzero(np.diff(m.dof_jntid, prepend=-1))
-        flat = [white(r) for r in self.sim.residuals([Run(f.hypothesis, f.theta) for f in fits], w)]
+    def _losses(self, fits: list[Fitted], w: Windows, white: Whitener) -> list[tuple[Array, Array]]:
+        """Of every fit: losses of windows [W], and of each joint by itself [W, joints]."""
+        m, out = self.sim.model, []
         # the degrees of freedom of a free body move together
+        first = np.flatnonzero(np.diff(m.dof_jntid, prepend=-1))
         counts = np.diff(np.append(first, m.nv))
-        dofs = (white.by_dof(x, m.nv) for x in flat)
-        each = [robust_loss(np.add.reduceat(x, first, axis=1) / counts) for x in dofs]
-        return [robust_loss(white.excess(x)) for x in flat], each
+        for residual in self.sim.residuals([Run(f.hypothesis, f.theta) for f in fits], w):
+            flat = white(residual)
+            joints = np.add.reduceat(white.by_dof(flat, m.nv), first, axis=1) / counts
+            out.append((robust_loss(white.excess(flat)), robust_loss(joints)))
+        return out
 
     def sample(self, base: Fitted, white: Whitener) -> tuple[Windows, Whitener]:
         """A sample of the training windows for quick fits on top of a fit, with a whitener of all of them for it."""

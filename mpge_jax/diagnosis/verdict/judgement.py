@@ -136,8 +136,9 @@ def judge(
         for r in (train, held)
     )
     left, share = found.left, 0.0
-    if not corrected and left is None and held.before.rms > FAR * _allowed(p, held):
-        left = leaves(s, found.fit)
+    if not corrected and left is None and held.before.rms > FAR * held.floor:
+        # what else is allowed is simulated only where it matters
+        left = leaves(s, found.fit) if held.before.rms > FAR * _allowed(p, held) else None
     if left is not None:
         share = held.left(p.sim.rugged(left.fit.hypothesis)) ** 2 if corrected else 1.0
     unexplained, residual = None, None
