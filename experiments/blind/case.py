@@ -1,5 +1,6 @@
 """Drawing one case: hidden physics whose size is visible over the noise but not trivially large."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -129,15 +130,36 @@ def draw_visible(
     return best[0]
 
 
-def answer(bench: Bench, kind: str, effects: list[Effect]) -> dict:
-    """What the scorer has to know about a case (the engine never sees it)."""
+def draw_as_is(bench: Bench, effect: str, at: str, rng: np.random.Generator, unknown: bool = False) -> Effect:
+    """An effect of the size that was drawn, a quarter to four times the typical one, visible or not.
+
+    Raises:
+        Unfit: the machine runs away with it.
+    """
+    size = float(np.exp(rng.uniform(np.log(0.25), np.log(4.0))))
+    drawn = draw(effect, place(bench, at, rng), size, unknown)
+    look = bench.look([drawn])
+    if look is None or look.share > 2:
+        raise Unfit("the machine runs away")
+    # what no simpler effect can imitate counts as much as size
+    seen = min(look.seen, look.distinct * WEAKEST / DISTINCT)
+    bench.found[effect] = min(seen, bench.found.get(effect, np.inf))
+    return drawn
+
+
+def answer(bench: Bench, kind: str, effects: list[Effect], beside: Sequence[str] = ()) -> dict:
+    """What the scorer has to know about a case (the engine never sees it).
+
+    Args:
+        beside: what else conceals the physics, in words.
+    """
     machine, model = bench.machine, bench.machine.model
     known = [e for e in effects if not e.unknown]
     strange = [e for e in effects if e.unknown]
     names = {e.at for e in effects}
     twins = [twins_of(machine.robot, model, e, machine.sensors.force_noise is not None) for e in known]
     ways = [*machine.sensors.ways(), f"true step {machine.dt} s, {machine.integrator}"]
-    ways.append("open loop" if machine.open_loop else "closed loop")
+    ways += ["open loop" if machine.open_loop else "closed loop", *beside]
     return {
         "schema": 1,
         "kind": kind,

@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 import experiments.blind as package
-from experiments.blind.build import Counts, Wish, build, build_case, wishes
+from experiments.blind.build import build, build_case
 from experiments.blind.robots.models import ROBOTS
 from experiments.blind.run import run_all
 from experiments.blind.truth.excitation import KINDS, reference
 from experiments.blind.truth.physics import INSTALL, UNKNOWN
 from experiments.blind.truth.sensors import Sensors, draw_sensors
 from experiments.blind.vocabulary import PARAMETERS
+from experiments.blind.wishes import Counts, Wish, wishes
 from experiments.runners import Options
 
 SOURCES = sorted(Path(package.__file__).parent.rglob("*.py"))
@@ -117,8 +118,9 @@ def small(tmp_path_factory):
     roots = [tmp_path_factory.mktemp(f"blind{i}") for i in range(2)]
     answers = []
     for root in roots:
-        single = build_case(Wish("single", ("coulomb_friction",)), root / "cases" / "a", [5, 3], {}, (quick,))
-        null = build_case(Wish("null"), root / "cases" / "b", [5, 4], {}, (quick,))
+        wish = Wish("single", ("coulomb_friction",))
+        single, _ = build_case(wish, root / "cases" / "a", [5, 3], {}, (quick,))
+        null, _ = build_case(Wish("null"), root / "cases" / "b", [5, 4], {}, (quick,))
         answers.append((single, null))
     return roots, answers
 

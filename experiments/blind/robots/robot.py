@@ -18,11 +18,11 @@ class Robot:
 
     periods: recording (and control) periods [s]; references: (centre, span) of each reference signal;
     top: highest reference frequency [Hz]; steps: (dt, integrator) of the true machine; plane: components of vectors
-    in the world that can be observed (0 and 2 in a vertical plane).
+    in the world that can be observed (0 and 2 in a vertical plane); xml: the model itself, of one without a file.
     """
 
     name: str
-    file: Path
+    file: Path | None
     controller: str
     references: tuple[tuple[float, float], ...]
     places: Places
@@ -34,9 +34,12 @@ class Robot:
     open_loop: bool = False
     start: dict[str, float] = field(default_factory=dict)
     duration: tuple[float, float] = (4.0, 6.0)
+    xml: str = ""
 
     def spec(self) -> mujoco.MjSpec:
         """The nominal model, standalone; gymnasium's cheetah gets its total mass by geom densities."""
+        if self.file is None:
+            return mujoco.MjSpec.from_string(self.xml)
         spec = mujoco.MjSpec.from_file(str(self.file))
         total = spec.compiler.settotalmass
         if total > 0:

@@ -2,6 +2,8 @@
 
 Full mark: verdict `effects` with exactly the true (id, at); or `ambiguous` between the truth and effects that are
 identical to it in principle (the answer file lists them as twins).
+Beside unknown physics (`mixed`) the known part counts: all of it named, whatever the verdict, and nothing else for
+certain. Where every joint lacks something (`whole`), the share that is named, less what is named wrongly.
 Half mark: `ambiguous` with the truth among at most three candidates; a twin named alone; and, where the contract asks
 for `ambiguous` (`coin`), the truth named alone, because the data cannot have told.
 A dead actuator reported as a gain of 0 is a wrong name: the contract gives it its own.
@@ -13,6 +15,10 @@ from dataclasses import dataclass, field
 from experiments.blind.scoring.parameters import Compared, compare
 
 MOST_CANDIDATES = 3
+SEEN = 12.0
+"""Window error over what noise explains from which on an effect is visible."""
+INERTIAL = frozenset({"mass_scale", "payload_mass", "com_offset", "armature"})
+"""What is truly missing beside anything else where the given model's masses and inertias are off."""
 Named = tuple[str, str]
 
 
@@ -35,6 +41,12 @@ class Mark:
     alarm: bool = False  # null cases: an effect was reported
     located: bool = False  # unknown cases: `unexplained`, at the right place
     concealed: list[str] = field(default_factory=list)
+    visible: bool = True  # every hidden effect stands out of what noise explains
+    seen: float = 0.0  # by how much the least of them does
+    wrong: list[Named] = field(default_factory=list)  # named for certain, and neither true nor a twin
+    judged: tuple[float, float] | None = (
+        None  # errors of recordings that only the scorer has, before and after
+    )
 
 
 def judge(answer: dict, report: dict | None, seconds: float) -> Mark:
@@ -51,12 +63,16 @@ def judge(answer: dict, report: dict | None, seconds: float) -> Mark:
         failed=report is None,
         concealed=answer["concealed"],
     )
+    if answer.get("visibility"):
+        mark.seen = min(answer["visibility"].values())
+        mark.visible = mark.seen >= SEEN
     if report is None:
         return mark
     named = [_rename(answer, e) for e in report.get("effects") or []]
     mark.verdict = str(report.get("verdict"))
     mark.answer = _words(report, named)
     mark.drop = _drop(report)
+    mark.wrong = _wrong(answer, report, named)
     if mark.kind == "null":
         mark.exact, mark.alarm = (
             float(mark.verdict == "none"),
@@ -66,7 +82,13 @@ def judge(answer: dict, report: dict | None, seconds: float) -> Mark:
         mark.located = mark.verdict == "unexplained" and _unexplained_here(answer, report)
         mark.exact, mark.place = float(mark.located), mark.located
     else:
-        mark.exact = _exact(answer, report, named)
+        if mark.kind == "mixed":
+            mark.exact = _beside_unknown(answer, report, named, mark.wrong)
+            mark.located = _unexplained_here(answer, report)
+        elif mark.kind == "whole":
+            mark.exact = _share(answer, named, mark.wrong)
+        else:
+            mark.exact = _exact(answer, report, named)
         mark.place = _place(answer, report, named)
         for effect in answer["effects"]:
             for entry in report.get("effects") or []:
@@ -114,6 +136,35 @@ def _exact(answer: dict, report: dict, named: list[Named]) -> float:
     return 0.5 if max(len(group) for group in groups) <= MOST_CANDIDATES else 0.0
 
 
+def _open(report: dict) -> list[dict]:
+    """All effects of all candidates that a report leaves open."""
+    return [e for g in report.get("ambiguous") or [] for c in g.get("candidates") or [] for e in c]
+
+
+def _wrong(answer: dict, report: dict, named: list[Named]) -> list[Named]:
+    """What is named for certain, not as a candidate, and is neither hidden nor a twin of what is."""
+    right = {(e["id"], e["at"]) for e in answer["effects"]} | {
+        (i, a) for e in answer["effects"] for i, a in e["twins"]
+    }
+    candidates = {_rename(answer, e) for e in _open(report)}
+    off = "masses and inertias off" in answer["concealed"]
+    return [n for n in named if n not in right and n not in candidates and not (off and n[0] in INERTIAL)]
+
+
+def _beside_unknown(answer: dict, report: dict, named: list[Named], wrong: list[Named]) -> float:
+    truth = {(e["id"], e["at"]) for e in answer["effects"]}
+    if wrong or not truth <= {*named, *(_rename(answer, e) for e in _open(report))}:
+        return 0.0
+    return 1.0 if truth <= {*named} else 0.5
+
+
+def _share(answer: dict, named: list[Named], wrong: list[Named]) -> float:
+    found = [
+        bool({(e["id"], e["at"]), *((i, a) for i, a in e["twins"])} & {*named}) for e in answer["effects"]
+    ]
+    return max(0.0, (sum(found) - len(wrong)) / len(found))
+
+
 def _here(answer: dict, at: str) -> bool:
     """Whether a place is the drive train of a hidden effect, or the place of a twin."""
     places = {name for names in answer["places"].values() for name in names}
@@ -126,7 +177,7 @@ def _place(answer: dict, report: dict, named: list[Named]) -> bool:
     entries = sorted(report.get("effects") or [], key=lambda e: -(e.get("error_drop") or 0.0))
     if entries:
         return _here(answer, str(entries[0].get("at")))
-    candidates = [e for g in report.get("ambiguous") or [] for c in g.get("candidates") or [] for e in c]
+    candidates = _open(report)
     if candidates:
         return any(_here(answer, str(e.get("at"))) for e in candidates)
     return _unexplained_here(answer, report)

@@ -55,6 +55,15 @@ class Machine:
         picked = [next(p for p in self.plans if p.kind == kind) for kind in ("mix", "chirp")]
         return tuple(replace(p, name=f"check {p.name}", duration=min(p.duration, 3.5)) for p in picked)
 
+    @property
+    def judging(self) -> tuple[Plan, ...]:
+        """Two recordings like those held out, of other seeds, that only judge the answer."""
+        held = [p for p in self.plans if p.name.startswith("heldout_")]
+        return tuple(
+            replace(p, name=f"judge_{i}", seed=int(np.random.SeedSequence([p.seed, 1]).generate_state(1)[0]))
+            for i, p in enumerate(held)
+        )
+
     def record(self, plan: Plan, effects: Sequence[Effect] = ()) -> Trajectory:
         """One recording with the given hidden physics; raises Unstable if the machine runs away."""
         rng = np.random.default_rng(plan.seed)
@@ -84,8 +93,8 @@ class Machine:
         return self._commands[plan.name]
 
 
-def write_recording(path: Path, run: Trajectory, sensors: Sensors, rng: np.random.Generator) -> None:
-    """One .npz as the contract defines it; time starts at a random moment."""
+def columns_of(run: Trajectory, sensors: Sensors, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """The columns of one .npz as the contract defines it; time starts at a random moment."""
     columns = {
         "time": run.time - run.time[0] + round(rng.uniform(0, 20), 3),
         "qpos": run.measured_qpos,
@@ -95,4 +104,4 @@ def write_recording(path: Path, run: Trajectory, sensors: Sensors, rng: np.rando
         columns["qvel"] = run.measured_qvel
     if sensors.force_noise is not None:
         columns["actuator_force"] = sensors.read_force(run.force, rng)
-    np.savez_compressed(path, **columns)
+    return columns

@@ -131,12 +131,23 @@ class CStepper:
         self._forces: tuple[Any, ...] | None = None
         self._past: list[tuple[float, np.ndarray, np.ndarray]] = []
 
-    def reset(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
+    def reset(self, qpos: np.ndarray, qvel: np.ndarray, commands: np.ndarray | None = None) -> None:
+        """Start in a state; `commands` [n, nu] are those of the last n steps before it, for what acts late."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = qpos, qvel
         mujoco.mj_forward(self.model, self.data)
         self._commands = self._forces = None
         self._past = [(0.0, self.data.qpos.copy(), self.data.qvel.copy())]
+        for ctrl in () if commands is None else np.asarray(commands, dtype=float):
+            self._reached(ctrl)
+
+    def _reached(self, ctrl: np.ndarray) -> np.ndarray:
+        """The command that arrives in a step in which `ctrl` is sent."""
+        dt = float(self.model.opt.timestep)
+        if self._commands is None:
+            self._commands = single_step.command_start(np, self.machine, ctrl, dt)
+        reached, self._commands = single_step.command_step(np, self.machine, ctrl, self._commands, dt)
+        return reached
 
     def _body_velocity(self, body: int) -> np.ndarray:
         root = int(self.model.body_rootid[body])
@@ -151,9 +162,7 @@ class CStepper:
         m, d, dt = self.machine, self.data, float(self.model.opt.timestep)
         ctrl = np.asarray(ctrl, dtype=float)
         for _ in range(count):
-            if self._commands is None:
-                self._commands = single_step.command_start(np, m, ctrl, dt)
-            reached, self._commands = single_step.command_step(np, m, ctrl, self._commands, dt)
+            reached = self._reached(ctrl)
             s = single_step.observe(
                 np,
                 m,
