@@ -8,8 +8,9 @@ import numpy as np
 from mpge_jax.diagnosis.corrected import replay
 from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel
 
-CART = """<mujoco><option timestep="0.01" gravity="0 0 0"/><worldbody><body><joint name="rail" type="slide" axis="1 0 0"/>
-<geom size="0.1" mass="1"/></body></worldbody><actuator><motor name="push" joint="rail"/></actuator></mujoco>"""
+CART = """<mujoco><option timestep="0.01" gravity="0 0 0"/>
+<worldbody><body><joint name="rail" type="slide" axis="1 0 0"/><geom size="0.1" mass="1"/></body></worldbody>
+<actuator><motor name="push" joint="rail"/></actuator></mujoco>"""
 LATE = {"id": "actuator_delay", "at": "push", "parameters": {"delay": 0.03}}
 
 
