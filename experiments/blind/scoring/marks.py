@@ -109,6 +109,7 @@ def _rename(answer: dict, entry: dict) -> Named:
 
 def _exact(answer: dict, report: dict, named: list[Named]) -> float:
     truth = frozenset((e["id"], e["at"]) for e in answer["effects"])
+    named = [n for n in named if n in truth or not _truly_off(answer, n)]
     twins = frozenset((i, a) for e in answer["effects"] for i, a in e["twins"])
     coin = any(e["coin"] for e in answer["effects"])
     if report.get("verdict") == "effects":
@@ -147,8 +148,12 @@ def _wrong(answer: dict, report: dict, named: list[Named]) -> list[Named]:
         (i, a) for e in answer["effects"] for i, a in e["twins"]
     }
     candidates = {_rename(answer, e) for e in _open(report)}
-    off = "masses and inertias off" in answer["concealed"]
-    return [n for n in named if n not in right and n not in candidates and not (off and n[0] in INERTIAL)]
+    return [n for n in named if n not in right and n not in candidates and not _truly_off(answer, n)]
+
+
+def _truly_off(answer: dict, named: Named) -> bool:
+    """Whether an effect stands for what is off in the given model beside what is hidden."""
+    return "masses and inertias off" in answer["concealed"] and named[0] in INERTIAL
 
 
 def _beside_unknown(answer: dict, report: dict, named: list[Named], wrong: list[Named]) -> float:

@@ -29,6 +29,7 @@ from mpge_jax.diagnosis.recordings.recording import (
     validate,
 )
 from mpge_jax.diagnosis.recordings.rows_in_time import without_empty_rows
+from mpge_jax.diagnosis.recordings.stray_readings import without_stray_readings
 
 
 def _line(lines: list[int], row: int) -> str:
@@ -252,7 +253,8 @@ def read(
     if files or not ready:
         checked += load_recordings(files, model, names, columns)
     # transitions follow one another as they were logged, so they are joined before angles are made continuous
-    checked = [from_zero(unwrapped(r, model, names)) for r in chain_transitions(checked)]
+    whole = [unwrapped(r, model, names) for r in chain_transitions(checked)]
+    checked = [from_zero(without_stray_readings(r, model, names)) for r in whole]
     called = [r.name for r in checked]
     for name in called:
         if called.count(name) > 1:
