@@ -65,8 +65,8 @@ class Circumstances:
         return columns
 
 
-def draw_circumstances(rng: np.random.Generator, machine: Machine) -> Circumstances:
-    """Two of five cases have none, the others one or two of them."""
+def draw_circumstances(rng: np.random.Generator, machine: Machine, off: bool = True) -> Circumstances:
+    """Two of five cases have none, the others one or two of them; a model that is `off` lacks something by that."""
     free = bool((machine.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any())
     kinds = ["masses", "outliers", "late_rows", "period"]
     count = int(rng.integers(1, 3)) if rng.random() < 0.6 else 0
@@ -74,7 +74,7 @@ def draw_circumstances(rng: np.random.Generator, machine: Machine) -> Circumstan
     # a quaternion is not read wrong one number at a time, and what balances falls over when it is told late
     held = machine.robot.controller in ("torque", "servo")
     return Circumstances(
-        masses=0.03 if "masses" in wanted else 0.0,
+        masses=0.03 if "masses" in wanted and off else 0.0,
         outliers=0.002 if "outliers" in wanted and not free else 0.0,
         late_rows=1 if "late_rows" in wanted and machine.model.nu > 1 else 0,
         period=float(rng.choice(SLOW)) if "period" in wanted and held else None,

@@ -83,6 +83,7 @@ def test_circumstances_suit_the_machine(tmp_path):
             seen |= {way.split()[0] for way in drawn.ways()}
             assert not (name == "quad" and drawn.outliers) and not (name == "crane" and drawn.period)
             assert not (name == "pendulum" and drawn.late_rows)
+            assert not draw_circumstances(rng, machine, off=False).masses
     assert seen == {"masses", "outliers", "commands", "rows"}
 
 

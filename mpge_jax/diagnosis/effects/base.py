@@ -87,6 +87,14 @@ class Effect:
         scales = np.array([p.scale for p in self.params(ctx, place)])
         return np.array([k * scales for k in self.tries])
 
+    def containing(self, ctx: Context, place: Place, plainer: str, theta: np.ndarray) -> np.ndarray:
+        """Parameters [k, p] at which it does what a plainer effect does there with theta; none where it cannot.
+
+        Args:
+            plainer: identifier of the other effect, which acts at the same place.
+        """
+        return np.zeros((0, len(self.params(ctx, place))))
+
     def detours(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         """Other parameters [k, p] worth a try from `theta` [p], where slopes lead the fit astray."""
         return np.outer((0.8, 0.93, 0.98, 1.02, 1.07, 1.25) if self.jagged else (), theta)

@@ -58,17 +58,16 @@ def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: W
     always = [t for t in terms if t.id not in WHERE_PLAIN_HELPS]
     found = _quick_fits(near, base, always, white, own, before)
     plain: dict[Place, float] = {}
-    dry: dict[Place, float] = {}
+    known: dict[Term, Array] = {}
     for f in found:
         for t, theta in f.hypothesis.split(sim.ctx, f.theta).items():
             if t.id in PLAIN and t not in base.hypothesis.terms:
                 plain[t.place] = min(plain.get(t.place, np.inf), f.loss)
-                if t.id == "coulomb_friction":
-                    dry[t.place] = float(theta[0])
+                known[t] = theta
     limit = before - PROMISING * min(before, 3.0)
     places = [q for q in sorted(plain, key=lambda q: plain[q]) if plain[q] < limit][:PLACES]
     elaborate = [t for t in elaborate if t.place in places or t.place not in plain]
-    found += _quick_fits(near, base, elaborate, white, own, before, dry)
+    found += _quick_fits(near, base, elaborate, white, own, before, known)
     return sorted(found, key=lambda f: f.loss)
 
 
@@ -79,15 +78,15 @@ def _quick_fits(
     white: Whitener,
     own: dict[Term, Array],
     before: float,
-    dry: dict[Place, float] | None = None,
+    known: dict[Term, Array] | None = None,
 ) -> list[Fitted]:
     """The best quick fit of each term.
 
     Args:
-        own: the base's Jacobian. before: the base's loss. dry: torque of plain dry friction by joint.
+        own: the base's Jacobian. before: the base's loss. known: parameters of plainer terms.
     """
     ctx, w = near.sim.ctx, near.w
-    problems = _starting_points(near, base, terms, white, before, dry or {})
+    problems = _starting_points(near, base, terms, white, before, known or {})
     runs: list[Run] = []
     for term, p in problems:
         part = _slice(ctx, p.fit.hypothesis, term)
@@ -145,9 +144,9 @@ def _starting_points(
     terms: list[Term],
     white: Whitener,
     before: float,
-    dry: dict[Place, float],
+    known: dict[Term, Array],
 ) -> list[tuple[Term, Problem]]:
-    """The best starts of every term, simulated, at the torque of plain dry friction (`dry`) if that is known.
+    """The best starts of every term, simulated, its own and those at which it does what plainer terms do.
 
     A start that is worse than nothing, as its scale was guessed too large, gives way to one nearer to where the
     effect vanishes if that is better.
@@ -157,7 +156,7 @@ def _starting_points(
     problems: list[tuple[Term, Problem]] = []
     for term in terms:
         hypothesis = base.hypothesis.with_term(term)
-        for start in at_torque(term.effect.starts(ctx, term.place), term, ctx, dry.get(term.place, 0.0)):
+        for start in starts_beside(ctx, term, known):
             theta = hypothesis.gather(ctx, {**parts, term: start})
             problems.append((term, Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
     _simulate([p for _, p in problems], near, white)
@@ -188,12 +187,20 @@ def _leading(problems: list[tuple[Term, Problem]]) -> list[tuple[Term, Problem]]
     return [(term, p) for term, p in problems if p.fit.loss <= worst[term]]
 
 
-def at_torque(starts: Array, term: Term, ctx: Context, dry: float) -> Array:
-    """Starts [k, p] of a friction law with its torques as large as plain dry friction, of which it is a variant."""
+def starts_beside(ctx: Context, term: Term, known: dict[Term, Array]) -> Array:
+    """Starts [k, p] of a term: its own, of a law of friction with its torques as large as plain dry friction, of which
+    it is a variant; and those at which it does what plainer terms at its place do, than which it is then no worse.
+
+    Args:
+        known: parameters of plainer terms.
+    """
+    plainer = {t.id: theta for t, theta in known.items() if t.place == term.place}
+    starts, dry = term.effect.starts(ctx, term.place), float(plainer.get("coulomb_friction", [0.0])[0])
     torque = np.array([p.unit in ("N m", "N") for p in term.params(ctx)])
-    if dry <= 0.0 or not torque.any():
-        return starts
-    return np.where(torque, starts * dry / term.params(ctx)[0].scale, starts)
+    if dry > 0.0 and torque.any():
+        starts = np.where(torque, starts * dry / term.params(ctx)[0].scale, starts)
+    alike = [term.effect.containing(ctx, term.place, name, theta) for name, theta in plainer.items()]
+    return np.concatenate([starts, *alike])
 
 
 def _simulate(problems: list[Problem], near: Near, white: Whitener) -> None:

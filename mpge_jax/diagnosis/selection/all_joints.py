@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.selection.competition import at_noise, loud
-from mpge_jax.diagnosis.selection.criteria import NAMED, accept, needed, strength
+from mpge_jax.diagnosis.selection.criteria import NAMED, SMALL, needed, share, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 
@@ -29,8 +29,7 @@ TOGETHER = 2
 """Plain effects of joints that it has found, at which that is tried before the search ends."""
 HALF = 0.5
 """Share of the loss that may remain where something that was found is given up."""
-PASSES = 8
-"""Fits under the hypothesis's own whitening at most, with terms taken away before each."""
+ITERATIONS = 5
 
 
 def everywhere(s: Search, current: Fitted) -> Fitted:
@@ -43,18 +42,10 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
         return current
     s.looked = True
     s.say("trying friction, damping and rotor inertia in every joint")
-    white = s.whiten_one(current, s.train)
-    fits = fit(s.sim, starts, s.train, white, iterations=8)
-    for _ in range(PASSES):
-        # what is weak beside the misfit of `current` may be plain beside their own
-        white = s.whiten_one(min(fits, key=lambda f: f.loss), s.train)
-        fits = fit(s.sim, fits, s.train, white, iterations=5)
-        known = [f.hypothesis for f in fits]
-        fits = [f for f in (_without_weak(s, f) for f in fits) if f.hypothesis.terms]
-        if not fits:
-            return current
-        if known == [f.hypothesis for f in fits]:
-            break
+    fits = fit(s.sim, starts, s.train, s.whiten_one(current, s.train), iterations=8)
+    fits = [f for f in (_thinned(s, f) for f in fits) if f.hypothesis.terms]
+    if not fits:
+        return current
     whites = s.whiten(min(fits, key=lambda f: f.loss))
     old = fit(s.sim, [current], s.train, whites[0], iterations=4)[0]
     *scored, before = s.score([*fits, old], whites)
@@ -65,7 +56,9 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
         + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in scored)
     )
     more = set(current.hypothesis.terms) <= set(chosen.fit.hypothesis.terms)
-    better = accept(s, chosen, before) if more else chosen.losses.mean() < HALF * before.losses.mean()
+    # each by itself may be weak, where all are needed
+    shown = share(s, chosen.fit, before.fit) > SMALL
+    better = shown if more else chosen.losses.mean() < HALF * before.losses.mean()
     fits_in = len(chosen.fit.hypothesis.terms) <= s.max_terms
     return chosen.fit if better and fits_in and needed(chosen, before) else current
 
@@ -106,14 +99,23 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
     return Fitted(hypothesis, theta, theta.copy())
 
 
-def _without_weak(s: Search, f: Fitted) -> Fitted:
-    """`f` less the weaker half of the terms that the data do not tell from null (what one of two
-    like effects explains, the other must be free to take over)."""
-    size = strength(s, f)
-    weak = sorted((t for t in size if size[t] < NAMED), key=lambda t: size[t])
-    gone = set(weak[: (len(weak) + 1) // 2])
-    if not gone:
-        return f
-    h = Hypothesis.of(*(t for t in f.hypothesis.terms if t not in gone))
-    parts, centres = (f.hypothesis.split(s.sim.ctx, x) for x in (f.theta, f.centre))
-    return Fitted(h, h.gather(s.sim.ctx, parts), h.gather(s.sim.ctx, centres), f.loss)
+def _thinned(s: Search, f: Fitted) -> Fitted:
+    """`f` without what windows are predicted as well without. Of the terms that the data do not tell from null the
+    weaker half is taken away at once, and the rest is fitted again: what one of two like effects explains, the other
+    must be free to take over. Where that half is missed, half of it is tried, and so on."""
+    while f.hypothesis.terms:
+        whites = s.whiten(f)
+        f = fit(s.sim, [f], s.train, whites[0], iterations=ITERATIONS)[0]
+        size = strength(s, f)
+        weak = sorted((t for t in size if size[t] < NAMED), key=lambda t: size[t])
+        count = (len(weak) + 1) // 2
+        while count:
+            kept = Hypothesis.of(*(t for t in f.hypothesis.terms if t not in weak[:count]))
+            fewer = fit(s.sim, [f.of_terms(s.sim.ctx, kept)], s.train, whites[0], iterations=ITERATIONS)[0]
+            if not needed(*s.score([f, fewer], whites)):
+                f = fewer
+                break
+            count //= 2
+        else:
+            return f
+    return f

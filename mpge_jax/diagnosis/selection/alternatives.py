@@ -7,7 +7,7 @@ from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
-from mpge_jax.diagnosis.estimation.screening import at_torque
+from mpge_jax.diagnosis.estimation.screening import starts_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener
 from mpge_jax.diagnosis.evidence.paired_gains import EVIDENCE, standard_error
 from mpge_jax.diagnosis.evidence.rigid_equivalence import same_body
@@ -118,13 +118,12 @@ def _richer(
     effects, and through contacts, generic starts do not lead there."""
     ctx, without = s.sim.ctx, best.fit.hypothesis.without(term)
     parts = best.fit.hypothesis.split(ctx, best.fit.theta)
-    torque = float(parts[term][0]) if term.id == "coulomb_friction" else 0.0
     starts = []
     for form in (Term(i, term.place) for i in SPECIAL_CASES[term.id]):
         if form not in s.terms or not compatible(without, form):
             continue
         h = without.with_term(form)
-        for start in at_torque(form.effect.starts(ctx, form.place), form, ctx, torque):
+        for start in starts_beside(ctx, form, {term: parts[term]}):
             theta = h.gather(ctx, {**parts, form: start})
             starts.append(Fitted(h, theta, theta))
     best_of: dict[Hypothesis, Fitted] = {}

@@ -17,7 +17,9 @@ from mpge_jax.diagnosis.effects.base import register
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.machine.model import compile_variable
+from mpge_jax.diagnosis.selection.alternatives import PLAIN_LAWS, SPECIAL_CASES
 from mpge_jax.diagnosis.simulation.single_step import Machine
 from tests.diagnosis.machines import ARM, BOX, PENDULUM
 from tests.diagnosis.searches import exported
@@ -105,6 +107,43 @@ def test_every_effect_changes_the_motion(effect_id):
     nominal = Machine.build(m.ctx, (), ())
     a, b = trajectory(CStepper(m), 60, contact), trajectory(CStepper(nominal), 60, contact)
     assert np.abs(a - b).max() > 1e-5
+
+
+COARSE = PENDULUM.replace('timestep="0.002"', 'timestep="0.008"')
+"""Where damping has both of its forms."""
+
+
+def _plainer(effect_id: str) -> dict[str, np.ndarray]:
+    """Parameters [k, p] at which a law of friction does what plainer ones do, with those of the latter as in `VALUES`."""
+    m = machine(effect_id, COARSE)
+    term = m.terms[0]
+    found = {
+        name: term.effect.containing(m.ctx, term.place, name, np.array(VALUES[name])) for name in PLAIN_LAWS
+    }
+    return {name: starts for name, starts in found.items() if len(starts)}
+
+
+@pytest.mark.parametrize("effect_id", ELABORATE)
+def test_an_effect_does_what_those_do_that_it_contains(effect_id):
+    contained = _plainer(effect_id)
+    assert contained
+    for name, starts in contained.items():
+        m, plain = machine(effect_id, COARSE), machine(name, COARSE)
+        params = m.terms[0].params(m.ctx)
+        want = trajectory(CStepper(plain), 60, False)
+        for theta in starts:
+            assert all(p.low <= x <= p.high for p, x in zip(params, theta, strict=True))
+            same = Machine.build(m.ctx, m.terms, (theta,))
+            # damping that MuJoCo integrates implicitly is explicit in a law of friction
+            atol = 0.02 if name == "viscous_damping" else 1e-9
+            np.testing.assert_allclose(trajectory(CStepper(same), 60, False), want, atol=atol)
+
+
+def test_what_is_never_a_rival_of_a_plain_law_contains_it():
+    contained = {
+        name: {effect_id for effect_id in ELABORATE if name in _plainer(effect_id)} for name in PLAIN_LAWS
+    }
+    assert contained == {name: set(SPECIAL_CASES[name]) for name in PLAIN_LAWS}
 
 
 @pytest.mark.parametrize("effect_id", EVERY)

@@ -293,3 +293,16 @@ def test_a_gap_is_crossed_before_a_window_starts(elastic):
     # nothing came before a recording's first row
     first = np.array([w.sources[s].recording.time[0] for s in w.source])
     assert (change[w.start == first] == 0.0).all() and change.max() > 1e-3
+
+
+def test_a_law_of_friction_is_no_worse_in_screening_than_a_plain_one_that_it_contains():
+    """Of viscous damping alone, which asymmetric friction begins far from by its own starts."""
+
+    def damped(model: mujoco.MjModel) -> None:
+        model.dof_damping[:] += 0.3
+
+    s = _search(PENDULUM, record(PENDULUM, [0.5], change=damped, count=4))
+    sample = s.sample(NOTHING, s.whiten_one(NOTHING, s.train))
+    found = {str(f.hypothesis.terms[0]): f.loss for f in s.screened(NOTHING, sample, s.terms)}
+    assert found["asymmetric_friction@hinge"] <= 1.001 * found["viscous_damping@hinge"]
+    assert found["viscous_damping@hinge"] < 0.2 * s.score([NOTHING], s.whiten(NOTHING))[0].losses.mean()

@@ -84,6 +84,11 @@ class StribeckFriction(_Dry):
         c, s, v = self.params(ctx, place)
         return np.array([[0.7 * c.scale, 0.8 * s.scale, k * v.scale] for k in (0.4, 1.2, 4.0)])
 
+    def containing(self, ctx: Context, place: Place, plainer: str, theta: np.ndarray) -> np.ndarray:
+        if plainer != "coulomb_friction":
+            return super().containing(ctx, place, plainer, theta)
+        return np.array([[theta[0], 0.0, start[2]] for start in self.starts(ctx, place)])
+
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return [1]
 
@@ -107,6 +112,11 @@ class LoadDependentFriction(_Dry):
 
     def places(self, ctx: Context) -> list[Place]:
         return [p for p in super().places(ctx) if _drives(ctx, p)]
+
+    def containing(self, ctx: Context, place: Place, plainer: str, theta: np.ndarray) -> np.ndarray:
+        if plainer != "coulomb_friction":
+            return super().containing(ctx, place, plainer, theta)
+        return np.array([[theta[0], 0.0]])
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return [1]
@@ -159,6 +169,13 @@ class AsymmetricFriction(_Dry):
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         s = np.array([p.scale for p in self.params(ctx, place)])
         return np.array([s * [1.0, 0.5, 0.5, 0.3], s * [0.5, 1.0, 0.3, 0.5]])
+
+    def containing(self, ctx: Context, place: Place, plainer: str, theta: np.ndarray) -> np.ndarray:
+        if plainer == "coulomb_friction":
+            return np.array([[theta[0], theta[0], 0.0, 0.0]])
+        if plainer.partition(":")[0] == "viscous_damping":
+            return np.array([[0.0, 0.0, theta[0], theta[0]]])
+        return super().containing(ctx, place, plainer, theta)
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return [0, 1, 2, 3]
