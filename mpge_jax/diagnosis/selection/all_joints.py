@@ -2,8 +2,9 @@
 
 A forward search adds one effect at a time, so that on an arm of many joints the first ones stand for what is missing
 elsewhere (a delay for friction and rotor inertia behind a servo). Where several joints each still move otherwise than
-noise lets them, or several effects were found and the rest is still more than noise, the opposite direction is tried:
-all of the plain effects of joints, fitted together, and those that the data do not show taken away.
+noise lets them, or several effects were found and the rest is still more than noise, or the search would end with more
+than noise left, the opposite direction is tried: all of the plain effects of joints, fitted together, and those that
+are not needed taken away.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.selection.competition import at_noise, loud
-from mpge_jax.diagnosis.selection.criteria import NAMED, SMALL, needed, share, strength
+from mpge_jax.diagnosis.selection.criteria import NAMED, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 
@@ -25,10 +26,8 @@ IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
 AFTER = 3
 """Effects that the forward search has found, or degrees of freedom that still lack something, at which the other
 direction is tried."""
-TOGETHER = 2
-"""Plain effects of joints that it has found, at which that is tried before the search ends."""
 HALF = 0.5
-"""Share of the loss that may remain where something that was found is given up."""
+"""Share of the loss that may remain with something in every joint."""
 ITERATIONS = 5
 
 
@@ -55,10 +54,8 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
         f"everywhere: base {before.losses.mean():.3f}; "
         + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in scored)
     )
-    more = set(current.hypothesis.terms) <= set(chosen.fit.hypothesis.terms)
-    # each by itself may be weak, where all are needed
-    shown = share(s, chosen.fit, before.fit) > SMALL
-    better = shown if more else chosen.losses.mean() < HALF * before.losses.mean()
+    # each by itself may be weak; what nobody knows leaks into all joints, and little of it goes away by that
+    better = chosen.losses.mean() < HALF * before.losses.mean()
     fits_in = len(chosen.fit.hypothesis.terms) <= s.max_terms
     return chosen.fit if better and fits_in and needed(chosen, before) else current
 
@@ -72,11 +69,6 @@ def due(s: Search, current: Fitted) -> bool:
     white = s.whiten_one(current, s.train, temper=False)
     flat = white(s.sim.residuals([Run(current.hypothesis, current.theta)], s.train))[0]
     return int(loud(white, flat, s.sim.model.nv).sum()) >= AFTER
-
-
-def drives_lack(f: Fitted) -> bool:
-    """Whether so many plain effects of joints were found that other joints may lack them too."""
-    return sum(t.id in IN_EVERY_JOINT and t.place.kind == "joint" for t in f.hypothesis.terms) >= TOGETHER
 
 
 def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.evidence.paired_gains import deviations
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored, family, with_simpler
-from mpge_jax.diagnosis.selection.all_joints import drives_lack, due, everywhere
+from mpge_jax.diagnosis.selection.all_joints import due, everywhere
 from mpge_jax.diagnosis.selection.competition import compete
 from mpge_jax.diagnosis.selection.criteria import SIGNIFICANT, accept, choose, named
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -49,7 +49,8 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
             current, last = pair[0].fit, pair[1]
         else:
             last = last or ranked
-            wider = _wider(s, current)
+            # what adds one effect at a time may end where several are needed at once
+            wider = current if s.looked else everywhere(s, current)
             if wider is current:
                 break
             current = wider
@@ -89,11 +90,6 @@ def _only_together(s: Search, chosen: Scored, base: Scored) -> tuple[Scored, lis
         f"together: nothing {nothing.losses.mean():.3f}; {pair.fit.hypothesis} {now.losses.mean():.3f}"
     )
     return (now, ranked) if accept(s, now, nothing) else None
-
-
-def _wider(s: Search, current: Fitted) -> Fitted:
-    """`current`, or what a look at all joints together finds where two plain effects of joints were found; once."""
-    return current if s.looked or not drives_lack(current) else everywhere(s, current)
 
 
 def _time_left(began: float, rounds: int) -> str:

@@ -114,7 +114,7 @@ COARSE = PENDULUM.replace('timestep="0.002"', 'timestep="0.008"')
 
 
 def _plainer(effect_id: str) -> dict[str, np.ndarray]:
-    """Parameters [k, p] at which a law of friction does what plainer ones do, with those of the latter as in `VALUES`."""
+    """Parameters [k, p] at which a law of friction does what plainer ones do, whose own are as in `VALUES`."""
     m = machine(effect_id, COARSE)
     term = m.terms[0]
     found = {

@@ -8,6 +8,7 @@ import mpge_jax.diagnosis.selection.forward_selection as searching
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored
+from mpge_jax.diagnosis.selection import all_joints
 from mpge_jax.diagnosis.selection.all_joints import everywhere
 from mpge_jax.diagnosis.selection.competition import at_noise
 from tests.diagnosis.machines import ARM, record
@@ -64,27 +65,41 @@ def test_what_is_in_one_joint_is_not_sought_in_all():
     assert any("every joint" in text for text in said)
 
 
-def test_all_joints_are_looked_at_once_where_two_lack_plain_effects(monkeypatch):
+def test_all_joints_are_looked_at_once_before_a_search_ends(monkeypatch):
     s, kept = _search(_stiff), []
     monkeypatch.setattr(s, "keep", kept.append)
     one = _fitted(s, {"coulomb_friction@elbow": 0.1})
-    two = _fitted(s, {"coulomb_friction@elbow": 0.1, "armature@elbow": 0.01})
-    more = _fitted(
-        s, {"coulomb_friction@elbow": 0.1, "armature@elbow": 0.01, "coulomb_friction@shoulder": 0.1}
-    )
+    more = _fitted(s, {"coulomb_friction@elbow": 0.1, "armature@elbow": 0.01, "armature@shoulder": 0.01})
+    looks: list[Fitted] = []
 
-    def look(s, _current):
+    def look(s, current):
+        looks.append(current)
         s.looked = True
         return more
 
     monkeypatch.setattr(searching, "everywhere", look)
-    assert searching._wider(s, one) is one
-    assert not s.looked
-    assert searching._wider(s, two) is more
-    assert s.looked and searching._wider(s, two) is two
-
-    s.looked, s.resume = False, Reached(two)
-    nothing = np.zeros(0)
+    s.resume, nothing = Reached(one), np.zeros(0)
     monkeypatch.setattr(searching, "compete", lambda _s, f, _terms: ([], Scored(f, nothing, nothing, 0, 0)))
     assert searching.search(s) == (more, [])
+    assert looks == [one]
     assert [r.fit for r in kept] == [more]
+
+
+def test_what_is_weak_by_itself_stays_where_all_of_it_is_needed(monkeypatch):
+    """No term shows beyond doubt; without any of four, windows are predicted worse, and without others not."""
+
+    def change(model: mujoco.MjModel) -> None:
+        _stiff(model)
+        model.dof_frictionloss[:] = FRICTION
+        model.dof_armature[:] += ROTOR
+
+    s = _search(change)
+    plain = {"coulomb_friction@shoulder": 0.25, "coulomb_friction@elbow": 0.12}
+    f = _fitted(s, {**plain, "armature@shoulder": 0.03, "armature@elbow": 0.02})
+    own = all_joints.strength
+    monkeypatch.setattr(all_joints, "strength", lambda s, f: {t: 1e-6 * z for t, z in own(s, f).items()})
+    assert set(map(str, all_joints._thinned(s, f).hypothesis.terms)) == set(map(str, f.hypothesis.terms))
+    more = _fitted(
+        s, {**plain, "armature@shoulder": 0.03, "armature@elbow": 0.02, "viscous_damping@elbow": 1e-4}
+    )
+    assert set(all_joints._thinned(s, more).hypothesis.terms) == set(f.hypothesis.terms)
