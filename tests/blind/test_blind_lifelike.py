@@ -172,6 +172,12 @@ def test_a_share_of_what_every_joint_lacks():
     answer = hidden(FRICTION, INERTIA, kind="whole")
     assert judge(answer, said(FRICTION, INERTIA), 1.0).exact == 1.0
     assert judge(answer, said(FRICTION), 1.0).exact == 0.5
+    twin = hidden(FRICTION | {"twins": [["actuator_deadzone", "motor"]]}, INERTIA, kind="whole")
+    alike = said(
+        INERTIA, verdict="ambiguous", ambiguous=(FRICTION, {"id": "actuator_deadzone", "at": "motor"})
+    )
+    assert judge(twin, alike, 1.0).exact == 1.0
+    assert judge(answer, alike, 1.0).exact == 0.75
     wrong = {"id": "backlash", "at": "elbow"}
     assert judge(answer, said(FRICTION, wrong), 1.0).exact == 0.0
 

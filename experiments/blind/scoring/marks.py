@@ -86,7 +86,7 @@ def judge(answer: dict, report: dict | None, seconds: float) -> Mark:
             mark.exact = _beside_unknown(answer, report, named, mark.wrong)
             mark.located = _unexplained_here(answer, report)
         elif mark.kind == "whole":
-            mark.exact = _share(answer, named, mark.wrong)
+            mark.exact = _share(answer, report, named, mark.wrong)
         else:
             mark.exact = _exact(answer, report, named)
         mark.place = _place(answer, report, named)
@@ -163,11 +163,21 @@ def _beside_unknown(answer: dict, report: dict, named: list[Named], wrong: list[
     return 1.0 if truth <= {*named} else 0.5
 
 
-def _share(answer: dict, named: list[Named], wrong: list[Named]) -> float:
-    found = [
-        bool({(e["id"], e["at"]), *((i, a) for i, a in e["twins"])} & {*named}) for e in answer["effects"]
-    ]
-    return max(0.0, (sum(found) - len(wrong)) / len(found))
+def _share(answer: dict, report: dict, named: list[Named], wrong: list[Named]) -> float:
+    """How much of all that is hidden was named: for certain or beside twins alone, or by half, beside others too."""
+    found = 0.0
+    for e in answer["effects"]:
+        same = {(e["id"], e["at"]), *((i, a) for i, a in e["twins"])}
+        open_ = [_apart(answer, group) for group in report.get("ambiguous") or []]
+        beside = [members for members in open_ if members & same]
+        found += 1.0 if same & {*named} or any(m <= same for m in beside) else 0.5 * bool(beside)
+    return max(0.0, (found - len(wrong)) / len(answer["effects"]))
+
+
+def _apart(answer: dict, group: dict) -> set[Named]:
+    """In what the candidates of a group differ."""
+    sets = [{_rename(answer, e) for e in candidate} for candidate in group.get("candidates") or []]
+    return set().union(*sets) - (set.intersection(*sets) if sets else set())
 
 
 def _here(answer: dict, at: str) -> bool:
