@@ -42,9 +42,9 @@ class Circumstances:
         factors = np.exp(self.masses * rng.standard_normal((model.nbody, 2)))
         if self.masses:
             for body in spec.bodies[1:]:
-                mass, inertia = factors[model.body(body.name).id]
-                body.explicitinertial = True
                 i = model.body(body.name).id
+                mass, inertia = factors[i]
+                body.explicitinertial = True
                 body.mass = float(model.body_mass[i] * mass)
                 body.inertia = (model.body_inertia[i] * inertia).tolist()
                 body.ipos, body.iquat = model.body_ipos[i].tolist(), model.body_iquat[i].tolist()

@@ -28,17 +28,18 @@ def random_tree(rng: np.random.Generator, joints: int | None = None) -> Robot:
     reach, references = float(np.exp(rng.uniform(np.log(0.1), np.log(0.5)))), []
     for i in range(joints):
         parent = len(bodies) - 1 if i == 0 or rng.random() > BRANCH else int(rng.integers(1, len(bodies)))
-        link = spec_link(rng, bodies[parent], ends[parent], i, reach * 0.85**i)
+        link = _link(rng, bodies[parent], ends[parent], i, reach * 0.85**i)
         bodies.append(link[0])
         ends.append(link[1])
         references.append((float(rng.uniform(-0.5, 0.5)), float(rng.uniform(0.5, 1.3))))
     model = spec.compile()
     for i in range(joints):
+        # the weight of all beyond, a link and a half away
         hold = model.body_subtreemass[i + 1] * 9.81 * reach * 1.5
         motor = spec.add_actuator(name=f"motor_{i}", target=f"joint_{i}")
         motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
-        motor.gear[0] = float(round(hold / 3, 3))
-        motor.ctrllimited, motor.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-3 * RESERVE, 3 * RESERVE]
+        motor.gear[0] = float(round(hold, 3))
+        motor.ctrllimited, motor.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-RESERVE, RESERVE]
     spec.compile()
     return Robot(
         spec.modelname,
@@ -52,7 +53,7 @@ def random_tree(rng: np.random.Generator, joints: int | None = None) -> Robot:
     )
 
 
-def spec_link(
+def _link(
     rng: np.random.Generator, parent: mujoco.MjsBody, at: np.ndarray, number: int, length: float
 ) -> tuple[mujoco.MjsBody, np.ndarray]:
     """A link on a hinge at `at` of its parent; returns it and the point where its own children hang."""
