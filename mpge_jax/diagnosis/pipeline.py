@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.dataset.given_motion import motion_is_given
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.diagnosis import Diagnosis
-from mpge_jax.diagnosis.drives.driven_machine import driven_as_found
+from mpge_jax.diagnosis.drives.driven_machine import as_encoders_read, driven_as_found, measured_servos
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.force_balance import procedure as force_balance
@@ -79,9 +79,10 @@ def diagnose(
 def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | None = None) -> Result:
     """What the model lacks, and what recording did to what was recorded: either is estimated given the other.
 
-    The recordings are read with delays and zeros that no physics explains, and the search looks for physics in what
-    that leaves. Then the delays, and after them the zeros, are estimated again given that physics; where they moved,
-    the search goes on from what it has on recordings read anew. So it ends after three decisions at most.
+    The recordings are read with ages, delays and zeros that no physics explains, and the search looks for physics in
+    what that leaves. Then the ages of servos' forces, after them the delays, and after these the zeros, are estimated
+    again given that physics; where they moved, the search goes on from what it has on recordings read anew. So it ends
+    after four decisions at most.
 
     Where motion and force were recorded and no commands, nothing is simulated: the forces decide.
 
@@ -94,7 +95,8 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
         )
         return judge_forces(p, force_balance.decide(p, say), say)
     p, drives = driven_as_found(p, plain)
-    measurement = MeasurementModel.without_physics(p, {} if drives is None else drives.late(plain))
+    late = {} if drives is None else drives.late(plain)
+    measurement = MeasurementModel.without_physics(p, late, measured_servos(p, plain))
     p = measurement.read()
     s = build_search(p, say, p.config.decide_s)
     check_windows(p, s)
@@ -105,7 +107,11 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
         f"fitted to {s.train.count} pieces of {s.train.times.max():.2g} s, judged on {s.held.count} others"
     )
     found = decide(p, s, say)
-    for moved in (MeasurementModel.with_moved_delays, MeasurementModel.with_moved_zeros):
+    for moved in (
+        MeasurementModel.with_moved_ages,
+        MeasurementModel.with_moved_delays,
+        MeasurementModel.with_moved_zeros,
+    ):
         again = moved(measurement, found)
         if again is None:
             continue
@@ -115,6 +121,8 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
         s.log, s.resume = log, Reached(found.fit)
         found = decide(p, s, say)
     say("judging what is left")
-    if drives is not None and measurement.late:
-        drives = drives.arrived(measurement.given(found.fit).delays)
+    if drives is not None:
+        drives = as_encoders_read(p, plain, drives, found.fit)
+        if measurement.late:
+            drives = drives.arrived(measurement.given(found.fit).delays)
     return judge(p, plain, s, *tested(p, s, found), drives)

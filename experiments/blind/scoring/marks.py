@@ -177,7 +177,7 @@ def _share(answer: dict, report: dict, named: list[Named], wrong: list[Named]) -
 def _apart(answer: dict, group: dict) -> set[Named]:
     """In what the candidates of a group differ."""
     sets = [{_rename(answer, e) for e in candidate} for candidate in group.get("candidates") or []]
-    return set().union(*sets) - (set.intersection(*sets) if sets else set())
+    return {n for members in sets for n in members if not all(n in other for other in sets)}
 
 
 def _here(answer: dict, at: str) -> bool:

@@ -29,10 +29,10 @@ from mpge_jax.diagnosis.recordings.checks import (
     check_units,
     told_once,
 )
-from mpge_jax.diagnosis.recordings.clock_stamps import at_their_stamps
 from mpge_jax.diagnosis.recordings.command_lag import without_previous_commands
 from mpge_jax.diagnosis.recordings.noise_level import MIN_ROWS
 from mpge_jax.diagnosis.recordings.recording import Recording, rows_of, shown
+from mpge_jax.diagnosis.recordings.rows.clock_stamps import at_their_stamps
 from mpge_jax.diagnosis.recordings.states import MAX_ROWS, estimate, smoothed
 from mpge_jax.diagnosis.recordings.three_parts import three_parts
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator

@@ -105,19 +105,17 @@ def with_drives(
     plain: mujoco.MjModel,
     moving: set[int],
     law: Callable[[Source], Law],
-    age: dict[int, float] | None = None,
 ) -> Prepared:
     """The same with measured forces read as what was found of their drives makes of them.
 
     Args:
         plain: the nominal model. moving: actuators whose force is not held between rows, beside those that `follows`
-            knows. law: of all of them, for one recording. age: actuator -> `servo_force_age.staleness` (s).
+            knows. law: of all of them, for one recording.
     """
     continuous = follows(plain)
     continuous[list(moving)] = True
-    ages = np.array([(age or {}).get(a, 0.0) for a in range(plain.nu)])
 
     def again(s: Source) -> Source:
-        return followed(s, plain, p.measured & continuous, law(s), ages)
+        return followed(s, plain, p.measured & continuous, law(s))
 
     return p.mapped(again)

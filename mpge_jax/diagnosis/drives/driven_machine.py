@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
@@ -9,31 +11,54 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared, with_drives
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.drives.force_noise import freed
 from mpge_jax.diagnosis.effects.base import REGISTRY
-from mpge_jax.diagnosis.measurement.servo_force_age import staleness
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.measurement.encoder_zeros import with_zeros
+from mpge_jax.diagnosis.measurement.servo_force_age import aged, describe_age, staleness
 from mpge_jax.diagnosis.simulation.measured_drives import is_servo
+
+OFFSET = "encoder_offset"
 
 
 def driven_as_found(p: Prepared, plain: mujoco.MjModel) -> tuple[Prepared, ActuatorSide | None]:
     """The same recordings with measured forces freed of their noise, changing between rows as their drives do, and as
     old as the drives hold them; and what was found of the drives (None: no force was measured)."""
+    drives = diagnose_actuators(p, plain, _ids(p))
+    if drives is None:
+        return p, None
+    p = freed(p, plain, drives)
+    p = with_drives(p, plain, *drives.between_rows(plain))
+    servos = measured_servos(p, plain)
+    age = staleness(p, servos)
+    if age:
+        p.warnings.append(describe_age(age))
+        p = aged(p, servos, age)
+    return p, drives
+
+
+def measured_servos(p: Prepared, plain: mujoco.MjModel) -> list[int]:
+    """Servos whose force was measured."""
+    return [a for a in map(int, np.flatnonzero(p.measured)) if is_servo(plain, a)]
+
+
+def as_encoders_read(p: Prepared, plain: mujoco.MjModel, drives: ActuatorSide, found: Fitted) -> ActuatorSide:
+    """What was found of the drives, looked for again where encoders of joints with servos were found to read otherwise
+    than their model has it: taken for the position that a servo acts on, what they read too much is a bias of it."""
+    offsets = np.zeros(p.model.nq)
+    for term, theta in found.hypothesis.split(p.ctx, found.theta).items():
+        if term.id == OFFSET:
+            offsets[p.ctx.qadr(term.place)] = theta[0]
+    joints = [int(plain.actuator_trnid[a, 0]) for a in measured_servos(p, plain)]
+    if not offsets[[int(plain.jnt_qposadr[j]) for j in joints]].any():
+        return drives
+    read = with_zeros(p, {s.recording.log: offsets for s in p.sources})
+    return diagnose_actuators(replace(read, warnings=[]), plain, _ids(p)) or drives
+
+
+def _ids(p: Prepared) -> list[str]:
+    """Effects of actuators to try."""
     tried = p.config.effects
-    ids = [
+    return [
         i
         for i, e in REGISTRY.items()
         if e.side == "actuator" and (tried is None or i.partition(":")[0] in tried)
     ]
-    drives = diagnose_actuators(p, plain, ids)
-    if drives is None:
-        return p, None
-    p = freed(p, plain, drives)
-    between_rows = drives.between_rows(plain)
-    p = with_drives(p, plain, *between_rows)
-    servos = [a for a in map(int, np.flatnonzero(p.measured)) if is_servo(plain, a)]
-    age = staleness(p, servos)
-    if age:
-        p.warnings.append(
-            f"the servos' measured forces act {1e3 * age:.2g} ms late, as those of servos that compute in steps "
-            "and hold their force; this is taken into account and is no missing physics."
-        )
-        p = with_drives(p, plain, *between_rows, age=dict.fromkeys(servos, age))
-    return p, drives

@@ -1,13 +1,16 @@
-"""What recording did to the recordings: when late forces began, and where encoders had their zeros."""
+"""What recording did to the recordings: how old servos' forces are, when late forces began, where encoders had their
+zeros."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, arrivals, moved, with_arrivals
 from mpge_jax.diagnosis.measurement.encoder_zeros import describe_zeros, other_zeros, with_zeros
+from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age
 from mpge_jax.diagnosis.selection.procedure import Decision
 
 
@@ -17,17 +20,21 @@ class MeasurementModel:
 
     Attributes:
         at_rows: the recordings with their zeros, and with forces that begin at the rows. late: actuator -> the delays
-            (s) between which its force may have begun. delays: those that are taken.
+            (s) between which its force may have begun. delays: those that are taken. servos: those whose force was
+            measured.
     """
 
     at_rows: Prepared
     late: dict[int, tuple[float, float]]
     delays: dict[int, Arrival]
+    servos: tuple[int, ...] = ()
 
     @staticmethod
-    def without_physics(at_rows: Prepared, late: dict[int, tuple[float, float]]) -> MeasurementModel:
+    def without_physics(
+        at_rows: Prepared, late: dict[int, tuple[float, float]], servos: Sequence[int] = ()
+    ) -> MeasurementModel:
         """Before anything was found: zeros as the model has them, delays as the model as given tells them."""
-        return MeasurementModel(at_rows, late, arrivals(at_rows, NOTHING, late))
+        return MeasurementModel(at_rows, late, arrivals(at_rows, NOTHING, late), tuple(servos))
 
     def read(self) -> Prepared:
         """The recordings, read with these delays and zeros."""
@@ -36,6 +43,18 @@ class MeasurementModel:
     def given(self, f: Fitted) -> MeasurementModel:
         """The same with the delays that are likeliest if `f` is true."""
         return replace(self, delays=arrivals(self.at_rows, f, self.late))
+
+    def with_moved_ages(self, found: Decision) -> MeasurementModel | None:
+        """With another age of the servos' forces, where what was found leaves something and tells one: what was missing
+        at some joint hid it. Else None."""
+        age = None if found.left is None else other_age(self.at_rows, self.servos, found.fit)
+        if age is None:
+            return None
+        warnings, before = self.at_rows.warnings, describe_age(age_of(self.at_rows, self.servos))
+        if before in warnings:
+            warnings.remove(before)
+        warnings.append(describe_age(age))
+        return replace(self.given(found.fit), at_rows=aged(self.at_rows, self.servos, age))
 
     def with_moved_delays(self, found: Decision) -> MeasurementModel | None:
         """With other delays where those of `given` differ clearly from these: what was missing seemed to be a matter

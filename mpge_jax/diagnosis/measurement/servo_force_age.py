@@ -7,10 +7,12 @@ did: every joint seems to have less damping than the model, in proportion to its
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.missing_force import excess_by_dof
 from mpge_jax.diagnosis.estimation.whitening import whitener
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -21,10 +23,38 @@ FEWEST_SERVOS = 3
 EXPLAINED, AGREEMENT = 0.3, 0.75
 """Share of the missing force that an age must explain at a servo, and how near the ages of several must lie."""
 WINDOWS = 40
+OTHER = 0.25
+"""Share by which an age differs from another one."""
 
 
-def staleness(p: Prepared, servos: list[int]) -> float:
-    """Age (s) of the forces of these actuators [on joints, measured], 0 to half the time between rows.
+def aged(p: Prepared, servos: Sequence[int], age: float) -> Prepared:
+    """The same where the measured forces of these actuators act `age` (s) late."""
+    ages = np.zeros(p.measured.size)
+    ages[list(servos)] = age
+    return p.mapped(lambda s: s.rebuilt(age=ages))
+
+
+def age_of(p: Prepared, servos: Sequence[int]) -> float:
+    """The age (s) with which the forces of these actuators are read."""
+    return max((float(p.train[0].age[a]) for a in servos), default=0.0)
+
+
+def describe_age(age: float) -> str:
+    """A warning."""
+    return (
+        f"the servos' measured forces act {1e3 * age:.2g} ms late, as those of servos that compute in steps "
+        "and hold their force; this is taken into account and is no missing physics."
+    )
+
+
+def other_age(p: Prepared, servos: Sequence[int], f: Fitted) -> float | None:
+    """The age (s) of these forces if `f` is true, where it is clearly another one than they are read with."""
+    now, age = age_of(p, servos), staleness(aged(p, servos, 0.0), servos, f)
+    return age if age and abs(age - now) > OTHER * max(age, now) else None
+
+
+def staleness(p: Prepared, servos: Sequence[int], f: Fitted = NOTHING) -> float:
+    """Age (s) of the forces of these actuators [on joints, measured], 0 to half the time between rows, if `f` is true.
 
     The missing force of every window goes with the rate at which the measured force changes, times the age. It counts
     where that explains what is missing at half of the servos or more, with nearly the same age; else it is 0, as
@@ -35,8 +65,8 @@ def staleness(p: Prepared, servos: list[int]) -> float:
     w = p.windows("train", p.config.decide_s, WINDOWS, seed=9)
     if w.count < 4:
         return 0.0
-    white = whitener(p.sim, NOTHING.hypothesis, NOTHING.theta, w, p.noise, temper=False)
-    _, missing = excess_by_dof(p.sim, NOTHING, w, white)
+    white = whitener(p.sim, f.hypothesis, f.theta, w, p.noise, temper=False)
+    _, missing = excess_by_dof(p.sim, f, w, white)
     ages = []
     for a in servos:
         joint = int(p.model.actuator_trnid[a, 0])

@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.recordings.joint_names import (
     match_actuators,
     numbered,
 )
-from mpge_jax.diagnosis.recordings.rows_in_time import Clock, held, interpolated, middles
+from mpge_jax.diagnosis.recordings.rows.rows_in_time import Clock, held, interpolated, middles
 
 Array = np.ndarray
 LISTED = 300

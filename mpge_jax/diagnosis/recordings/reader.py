@@ -28,8 +28,8 @@ from mpge_jax.diagnosis.recordings.recording import (
     unwrapped,
     validate,
 )
-from mpge_jax.diagnosis.recordings.rows_in_time import without_empty_rows
-from mpge_jax.diagnosis.recordings.stray_readings import without_stray_readings
+from mpge_jax.diagnosis.recordings.rows.rows_in_time import without_empty_rows
+from mpge_jax.diagnosis.recordings.rows.stray_readings import without_stray_readings
 
 
 def _line(lines: list[int], row: int) -> str:

@@ -104,7 +104,8 @@ def _thinned(s: Search, f: Fitted) -> Fitted:
         while count:
             kept = Hypothesis.of(*(t for t in f.hypothesis.terms if t not in weak[:count]))
             fewer = fit(s.sim, [f.of_terms(s.sim.ctx, kept)], s.train, whites[0], iterations=ITERATIONS)[0]
-            if not needed(*s.score([f, fewer], whites)):
+            all_of, less = s.score([f, fewer], whites)
+            if not needed(all_of, less):
                 f = fewer
                 break
             count //= 2

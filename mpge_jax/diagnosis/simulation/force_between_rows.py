@@ -41,14 +41,12 @@ def source_of(r: Recording, states: States, plain: mujoco.MjModel, measured: Arr
     return followed(held, plain, measured & follows(plain), nominal(r, states, plain))
 
 
-def followed(
-    source: Source, plain: mujoco.MjModel, moving: Array, law: Law, age: Array | None = None
-) -> Source:
-    """The same with the forces of `moving` [nu] actuators following the motion between rows, `age` [nu] (s) late."""
+def followed(source: Source, plain: mujoco.MjModel, moving: Array, law: Law) -> Source:
+    """The same with the forces of `moving` [nu] actuators following the motion between rows."""
     r, states = source.recording, source.states
     smooth = np.where(moving, source.command - np.cumsum(law.jumps, axis=0), 0.0)
     bend = bends(plain, r, states, smooth, law)
-    return Source.build(r, states, source.command, smooth, age, late=source.late, bend=bend)
+    return Source.build(r, states, source.command, smooth, late=source.late, bend=bend)
 
 
 def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> Array:

@@ -1,6 +1,7 @@
 """Machines driven by the forces that were measured on them: what happens between rows, and what noise does to them."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -12,6 +13,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared, with_drives
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.drives.drive_laws import Data, Log, predict, search_law
 from mpge_jax.diagnosis.drives.drive_remainder import unexplained_drive
+from mpge_jax.diagnosis.drives.driven_machine import as_encoders_read
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -19,7 +21,9 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor, force_noise
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.measurement.servo_force_age import staleness
+from mpge_jax.diagnosis.measurement.encoder_zeros import with_zeros
+from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
+from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age, staleness
 from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.selection.remainder import leaves
@@ -129,7 +133,7 @@ def test_the_age_of_servo_forces_is_told_from_damping_that_one_joint_lacks(step)
     assert staleness(p, [0, 1, 2, 3]) == pytest.approx(step / 2, abs=1e-4 + 0.1 * step)
     assert staleness(p, [0, 1]) == 0.0
     nominal = ActuatorSide(p.ctx).between_rows(plain)
-    late = with_drives(p, plain, *nominal, age={0: 0.002}).train[0]
+    late = aged(with_drives(p, plain, *nominal), [0], 0.002).train[0]
     np.testing.assert_array_equal(late.integral[:, 1:], p.train[0].integral[:, 1:])
     t, smooth = late.recording.time, late.smooth[:, 0]
     # 8 ms into the row before, where the force bends away from a straight line
@@ -137,6 +141,43 @@ def test_the_age_of_servo_forces_is_told_from_damping_that_one_joint_lacks(step)
     held = late.command[:-1, 0] - smooth[:-1]
     mean = held + 0.5 * (before[:-1] + before[1:]) - 0.01**2 / 12 * late.bend[:, 0]
     np.testing.assert_allclose(np.diff(late.integral[:, 0]), 0.01 * mean, atol=1e-12)
+
+
+def _damped(p: Prepared, more: np.ndarray) -> Fitted:
+    terms = [Term("viscous_damping", Place("joint", f"j{k}", k)) for k in range(4)]
+    h = Hypothesis.of(*terms)
+    theta = h.gather(p.ctx, {t: np.array([x]) for t, x in zip(terms, more, strict=True)})
+    return Fitted(h, theta, theta)
+
+
+def test_what_is_missing_at_the_joints_hides_the_age_until_it_is_known():
+    more = np.array([0.3, 0.1, 0.6, 0.2])
+    p, _ = _servos(0.0025, more)
+    servos = [0, 1, 2, 3]
+    assert staleness(p, servos) == 0.0 and other_age(p, servos, NOTHING) is None
+    age = other_age(p, servos, _damped(p, more))
+    assert age == pytest.approx(0.00125, rel=0.2)
+    assert other_age(aged(p, servos, age), servos, _damped(p, more)) is None
+    left = SimpleNamespace(fit=_damped(p, more), left=object())
+    measurement = MeasurementModel.without_physics(p, {}, servos)
+    again = measurement.with_moved_ages(left)
+    assert age_of(again.read(), servos) == age and describe_age(age) in p.warnings
+    assert again.with_moved_ages(left) is None
+    assert measurement.with_moved_ages(SimpleNamespace(fit=left.fit, left=None)) is None
+
+
+def test_what_an_encoder_reads_too_much_is_no_bias_of_its_servo():
+    """The servo of the second joint is told 0.2 rad less than it reads, as its own encoder knows: force 6 (u - q)."""
+    p, plain = _servos(0.001, np.zeros(4))
+    offset = np.array([0.0, 0.2, 0.0, 0.0])
+    off = with_zeros(p, {s.recording.log: -offset for s in p.sources})
+    drives = diagnose_actuators(off, plain, ["actuator_bias"])
+    assert [(e["id"], e["at"]) for e in drives.effects] == [("actuator_bias", "s1")]
+    assert drives.effects[0]["parameters"]["bias"]["value"] == pytest.approx(6 * 0.2, rel=0.02)
+    term = Term("encoder_offset", Place("joint", "j1", 1))
+    found = Fitted(Hypothesis.of(term), np.array([0.2]), np.array([0.2]))
+    assert as_encoders_read(off, plain, drives, found).effects == []
+    assert as_encoders_read(off, plain, drives, NOTHING) is drives
 
 
 def test_less_damping_than_modelled_at_one_joint_is_no_age():

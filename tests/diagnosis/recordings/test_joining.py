@@ -11,7 +11,13 @@ from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.formats.tables import Column, Log, Table
 from mpge_jax.diagnosis.recordings.joining import join, quantity_of
 from mpge_jax.diagnosis.recordings.joint_names import match, numbered
-from mpge_jax.diagnosis.recordings.rows_in_time import Clock, held, interpolated, middles, without_empty_rows
+from mpge_jax.diagnosis.recordings.rows.rows_in_time import (
+    Clock,
+    held,
+    interpolated,
+    middles,
+    without_empty_rows,
+)
 from tests.diagnosis.machines import ARM
 
 UR = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint"]

@@ -7,7 +7,7 @@ import pytest
 from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.reader import read
 from mpge_jax.diagnosis.recordings.recording import Recording
-from mpge_jax.diagnosis.recordings.stray_readings import stray_rows
+from mpge_jax.diagnosis.recordings.rows.stray_readings import stray_rows
 
 ARM = mujoco.MjModel.from_xml_string(
     """<mujoco><worldbody><body><joint name="elbow" axis="0 1 0"/><geom size="0.1" pos="0.3 0 0"/></body></worldbody>
