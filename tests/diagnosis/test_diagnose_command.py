@@ -207,7 +207,7 @@ def test_report_is_self_contained_and_escaped(result):
     page = _Page()
     page.feed(text)
     assert "script" not in page.tags and "&lt;script&gt;" in text
-    assert len(page.images) == 6 and "Whole held-out recordings" in text
+    assert len(page.images) == 7 and "Whole held-out recordings" in text
     assert "@media (prefers-color-scheme:dark)" in text and "@media print" in text
     for source in page.images:
         assert base64.b64decode(source.removeprefix("data:image/png;base64,"))[:4] == b"\x89PNG"
@@ -230,7 +230,7 @@ def test_report_opens_in_a_browser_without_errors(result, tmp_path):
         "--enable-logging=stderr", "--v=0", "--virtual-time-budget=3000", "--dump-dom", probe.as_uri(),
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert "<title>shown 6 of 6</title>" in done.stdout
+    assert "<title>shown 7 of 7</title>" in done.stdout
     assert "CONSOLE" not in done.stderr
 
 
@@ -352,10 +352,12 @@ def test_every_verdict_is_written_in_the_same_form(verdict, tmp_path):
     else:
         assert table["ambiguous"] == [] and table["effects"] == []
     page = (tmp_path / "report.html").read_text()
-    assert f'<span class="badge {verdict}">' in page and page.count("data:image/png") == 6
+    assert f'<span class="badge {verdict}">' in page and page.count("data:image/png") == 7
     # where nothing was corrected there is nothing to set beside the model as given
     assert ("<th>corrected</th>" in page) is (verdict == "ambiguous")
-    assert "What it was given" in page and all(f"<td>{r.name}</td>" in page for r in recordings)
+    assert f"{len(recordings)} recordings; report of" in page and all(
+        f"<td>{r.name}</td>" in page for r in recordings
+    )
     if d.warnings:
         assert all(html.escape(w) in page for w in d.warnings)
         assert page.index("Take note") < page.index("Whole held-out recordings")

@@ -104,7 +104,7 @@ def _label(ax: Axes, point: tuple[float, float], text: str, at: tuple[float, flo
     )  # fmt: skip
 
 
-def _segments(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[Array, Array]]:
+def segments(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[Array, Array]]:
     """Line segments that show the bodies: parent to child, and body to centre of mass."""
     out = []
     for b in range(1, model.nbody):
@@ -129,16 +129,20 @@ def _segments(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[Array, A
     return out
 
 
+def plane(cloud: Array) -> list[int]:
+    """The two axes of the world that show most of points [N, 3]: upright, unless they lie flat."""
+    span = np.ptp(cloud, axis=0)
+    return [0 if span[0] >= span[1] else 1, 2] if span[2] > 0.02 * span.max() else [0, 1]
+
+
 def _tree(model: mujoco.MjModel, data: mujoco.MjData, spots: list[tuple[Mark, Spot]]) -> Figure:
     """The kinematic tree, seen along the axis in which it is thinnest."""
-    segments = _segments(model, data)
-    cloud = np.array([p for segment in segments for p in segment] or [np.zeros(3)])
-    span = np.ptp(cloud, axis=0)
-    horizontal = 0 if span[0] >= span[1] else 1
-    view = [horizontal, 2] if span[2] > 0.02 * span.max() else [0, 1]
+    links = segments(model, data)
+    cloud = np.array([p for link in links for p in link] or [np.zeros(3)])
+    span, view = np.ptp(cloud, axis=0), plane(cloud)
     figure = Figure(figsize=(5.2 * (1 + MARGIN) if spots else 5.2, 4.4), layout="constrained")
     ax = figure.subplots()
-    for a, b in segments:
+    for a, b in links:
         ax.plot(*np.array([a, b])[:, view].T, color="#8fa3b5", lw=6, solid_capstyle="round", zorder=1)
     pad = 0.15 * max(float(span.max()), 0.05)
     centre, half = 0.5 * (cloud.max(0) + cloud.min(0)), 0.5 * float(span.max()) + pad

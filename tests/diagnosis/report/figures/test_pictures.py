@@ -113,7 +113,7 @@ FAILURES = {
 def test_a_tree_is_drawn_where_rendering_fails(failure, tmp_path, monkeypatch):
     script = tmp_path / "child.py"
     script.write_text(FAILURES[failure])
-    monkeypatch.setattr(robot_render, "__file__", str(script))
+    monkeypatch.setattr(robot_render.render_process, "__file__", str(script))
     monkeypatch.setattr(robot_render, "backends", lambda: ("egl",))
     monkeypatch.setattr(robot_render, "TIME_LIMIT", 2.0 if failure == "hangs" else 60.0)
     trees = []
