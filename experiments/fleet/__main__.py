@@ -13,7 +13,7 @@ import tyro
 from rich.console import Console
 
 from experiments import runners
-from experiments.command_line import exit_status
+from experiments.ending import exit_status
 from experiments.fleet import changes, page, picture, robot, table
 from experiments.fleet.comparison import Fleet, compare
 from experiments.fleet.found import found_of
