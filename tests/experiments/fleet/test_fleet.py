@@ -8,8 +8,9 @@ import pytest
 
 from experiments.fleet import __main__ as command
 from experiments.fleet import robot
-from mpge_jax import files
+from mpge_jax import files, own_code
 from mpge_jax.diagnosis import InputError
+from mpge_jax.diagnosis.recordings.formats import own_readers, registry
 from tests.diagnosis.machines import PENDULUM
 
 
@@ -122,6 +123,32 @@ def test_what_is_done_stands_until_its_recordings_change(fleet):
     (fleet.folder / "robots" / "odd" / "run_1.csv").write_text("one more")
     fleet()
     assert sorted(fleet.ran) == ["broken", "broken", "odd"]
+
+
+def test_logs_of_ones_own_are_read_by_every_job_and_count_as_input(fleet, monkeypatch, capsys):
+    monkeypatch.setattr(registry, "OWN", before := [])
+    monkeypatch.setattr(own_readers, "OWN", before)
+    monkeypatch.setattr(own_readers, "_read", {})
+    monkeypatch.setattr(own_code, "_loaded", {})
+    text = "from mpge_jax.diagnosis import register_reader\n@register_reader('mine', '.trc')\ndef read(path): ...\n"
+    reader = fleet.folder / "mine.py"
+    reader.write_text(text)
+    fleet("--reader-file", reader)
+    assert "mine.py" in json.loads((fleet.folder / "out" / "settings.json").read_text())["files"]
+    # A job loads them by itself, as it may run in another process.
+    loaded = []
+    monkeypatch.setattr(robot, "load_readers", loaded.append)
+    given = robot.RobotJob(
+        robot.Settings(fleet.folder / "model.xml", reader_files=(reader,)),
+        fleet.folder / "robots" / "odd",
+        fleet.folder / "again",
+    )
+    robot.diagnose_robot(given)
+    assert loaded == [reader]
+    capsys.readouterr()
+    reader.write_text(text + "# other\n")
+    assert fleet("--reader-file", reader) == 2
+    assert "holds another fleet (files differ)" in capsys.readouterr().err
 
 
 def test_this_week_against_last_week(fleet, capsys):
