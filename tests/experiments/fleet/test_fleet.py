@@ -1,7 +1,9 @@
 """The command, on diagnoses that cost nothing: what it refuses, skips, compares and writes."""
 
+import html
 import json
 import sys
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -111,6 +113,18 @@ def test_odd_robots_come_first_and_failures_stop_nothing(fleet, capsys):
     )
     assert (fleet.folder / "out" / "fleet.png").read_bytes().startswith(b"\x89PNG")
     assert "9 robots were diagnosed, 1 could not be; 2 are odd" in capsys.readouterr().out
+
+
+def test_names_of_robots_and_joints_are_text_on_the_page(fleet):
+    evil = "<img src=x onerror=alert(1)>"
+    (fleet.folder / "robots" / "odd").rename(fleet.folder / "robots" / evil)
+    bad = friction(0.2) | {"at": "<script>alert(2)</script>"}
+    fleet.said[evil] = table(bad) | {"explanation": "<script>alert(3)</script>"}
+    fleet()
+    page = (fleet.folder / "out" / "fleet.html").read_text()
+    assert "<script" not in page and "<img src=x" not in page
+    assert html.escape(evil) in page and html.escape(bad["at"]) in page
+    assert f'href="robots/{quote(evil)}/report.html"' in page
 
 
 def test_what_is_done_stands_until_its_recordings_change(fleet):
