@@ -200,6 +200,19 @@ def test_labels_never_overlap():
         assert all(a[1] <= b[0] + 1e-9 for a, b in itertools.pairwise(edges))
 
 
+def test_many_labels_are_places_alone_and_few_say_what_is_there():
+    def placed(count):
+        marks = [Mark("joint", k, f"joint_{k}\ndry friction\ndamping") for k in range(count)]
+        return robot_picture._placed(marks, np.array([[0.0, float(k)] for k in range(count)]), 0.0, 9.0)
+
+    few, squeeze = placed(3)
+    assert [text for _, text, _ in few] == [f"joint_{k}\ndry friction\ndamping" for k in range(3)]
+    assert squeeze == 1.0
+    many, squeeze = placed(8)
+    assert [text for _, text, _ in many] == [f"joint_{k}" for k in range(8)] and squeeze == 1.0
+    assert [point for point, _, _ in many] == [(0.0, float(k)) for k in range(8)]
+
+
 def test_what_is_named_at_one_point_is_one_label():
     marks = [
         Mark("joint", 0, "wrist\ndry friction"),
