@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from experiments.ending import exit_status
 from experiments.presets import PAPER, PRESETS, Preset, TaskSettings
 from mpge_jax import files
 from mpge_jax.learning.trpo import TRPOConfig
@@ -315,10 +316,14 @@ class Args:
 
 def main() -> int:
     """The command; returns its exit status."""
-    args = tyro.cli(Args, prog="python -m experiments.facts", description=Args.__doc__)
-    files.write_text(args.out, markdown())
-    print(f"written: {args.out}")
-    return 0
+
+    def work() -> int:
+        args = tyro.cli(Args, prog="python -m experiments.facts", description=Args.__doc__)
+        files.write_text(args.out, markdown())
+        print(f"written: {args.out}")
+        return 0
+
+    return exit_status("facts", work, goes_on=False)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import tyro
 from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs
+from experiments.ending import exit_status
 from mpge_jax import files
 from mpge_jax.task_files.robot import Robot, name_of, robot_of
 from mpge_jax.task_files.template import text_of
@@ -52,12 +53,11 @@ def write(args: Args) -> tuple[Path, Robot]:
 
 def main() -> int:
     """The command; returns its exit status."""
-    args = tyro.cli(Args, prog="python -m experiments.new", description=Args.__doc__)
-    try:
-        out, robot = write(args)
-    except ValueError as error:
-        print(f"new: {error}", file=sys.stderr)
-        return 2
+    return exit_status("new", _new, goes_on=False)
+
+
+def _new() -> int:
+    out, robot = write(tyro.cli(Args, prog="python -m experiments.new", description=Args.__doc__))
     print(f"{out} has the task {robot.name} and the target {robot.name}Target. Look at its reward, then:\n")
     print(f"  python -m experiments.pretrain --task {out}:{robot.name} --kind MS")
     print(f"  python -m experiments.sweep --task {out}:{robot.name}Target --method direct MPGE-MS target")

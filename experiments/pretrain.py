@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 
-from experiments.command_line import exit_status
+from experiments.ending import exit_status
 from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs

@@ -23,6 +23,7 @@ from mpge_jax import own_envs as own_envs  # isort: split
 import envs
 from experiments import report
 from experiments.benchmark import table
+from experiments.ending import exit_status
 from experiments.methods import METHODS
 from mpge_jax import files
 from mpge_jax.loop import Curve
@@ -342,14 +343,14 @@ def page(args: Args) -> str:
 
 def main() -> int:
     """The command; returns its exit status."""
-    args = tyro.cli(Args, prog="python -m experiments.results", description=Args.__doc__)
-    try:
+
+    def work() -> int:
+        args = tyro.cli(Args, prog="python -m experiments.results", description=Args.__doc__)
         files.write_text(args.out, page(args))
-    except (ValueError, FileNotFoundError) as error:
-        print(f"results: {error}", file=sys.stderr)
-        return 2
-    print(f"written: {args.out}")
-    return 0
+        print(f"written: {args.out}")
+        return 0
+
+    return exit_status("results", work, goes_on=False)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ import envs
 from envs import own_tasks
 from envs.variants import HIDDEN, PAPER
 from experiments import methods, report, runners
-from experiments.command_line import exit_status
+from experiments.ending import exit_status
 from experiments.methods import METHODS, Cell, LogFiles, logged
 from experiments.presets import PRESETS, Preset
 from experiments.storage import SweepFolder, plain

@@ -23,6 +23,7 @@ import tyro
 from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs
+from experiments.ending import exit_status
 from experiments.presets import STANDARD, VineSettings
 from experiments.storage import plain, versions
 from mpge_jax import files
@@ -265,6 +266,10 @@ def register() -> None:
 
 def main() -> int:
     """The command; returns its exit status."""
+    return exit_status("tuning", _tune)
+
+
+def _tune() -> int:
     args = tyro.cli(Args, prog="python -m experiments.tuning", description=Args.__doc__)
     register()
     every = records(args.out)

@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+MOST_BYTES = 4 << 30
+"""Most bytes that an npz file may have unpacked."""
+
 
 def write_text(path: Path | str, text: str) -> None:
     """Writes a text file, and the folders that lead to it."""
@@ -32,9 +35,13 @@ def write_npz(path: Path | str, arrays: Mapping[str, Any]) -> None:
 
 
 def read_npz(path: Path | str) -> dict[str, np.ndarray]:
-    """All arrays of an npz file; pickles are refused. Of a damaged file, numpy raises errors of many kinds."""
+    """All arrays of an npz file; pickles are refused, and so is what has more than `MOST_BYTES` when it is unpacked. Of
+    a damaged file, numpy raises errors of many kinds."""
     # Opened here, because numpy leaves a file open that turns out to be damaged.
     with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        size = sum(member.file_size for member in arrays.zip.infolist())
+        if size > MOST_BYTES:
+            raise ValueError(f"unpacked it would have {size / 1e9:.3g} GB")
         return {name: arrays[name] for name in arrays.files}
 
 

@@ -22,6 +22,7 @@ from experiments.benchmark import grounding, sac, simulation, table
 from experiments.benchmark.clock import Row
 from experiments.benchmark.simulation import available
 from experiments.benchmark.table import PARTS
+from experiments.ending import exit_status
 from experiments.storage import versions
 from mpge_jax import files
 from mpge_jax.grounding.config import GroundingConfig
@@ -151,15 +152,12 @@ def benchmark(args: Args) -> Row:
 
 def main() -> int:
     """The command; returns its exit status."""
+    return exit_status("benchmark", _benchmark, goes_on=False)
+
+
+def _benchmark() -> int:
     args = tyro.cli(Args, prog="python -m experiments.benchmark", description=Args.__doc__)
-    try:
-        record = benchmark(args)
-    except (ValueError, FileNotFoundError) as error:
-        print(f"benchmark: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("benchmark: interrupted", file=sys.stderr)
-        return 130
+    record = benchmark(args)
     Console().print(Markdown(table.markdown(record)))
     print(f"written: {args.out / 'benchmark.json'} and {args.out / 'benchmark.md'}")
     return 0

@@ -28,6 +28,7 @@ from experiments.blind.build import build
 from experiments.blind.case import Unfit
 from experiments.blind.run import run_all
 from experiments.blind.scoring.score import put_into, write_score
+from experiments.ending import exit_status
 from experiments.runners import Options
 
 
@@ -93,7 +94,8 @@ def main(args: list[str] | None = None) -> int:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    try:
+
+    def work() -> int:
         command = tyro.cli(Command, args=args, description=__doc__)
         if isinstance(command, Score):
             text = write_score(command.answers, command.runs, command.out, command.alone)
@@ -109,7 +111,10 @@ def main(args: list[str] | None = None) -> int:
 
             if isinstance(command, Build):
                 answers = command.answers or command.out / "answers"
-                build(command.out / "cases", answers, command.seed, command.counts, progress)
+                try:
+                    build(command.out / "cases", answers, command.seed, command.counts, progress)
+                except Unfit as problem:
+                    raise ValueError(str(problem)) from None
             else:
                 run_all(
                     command.cases,
@@ -123,12 +128,8 @@ def main(args: list[str] | None = None) -> int:
                     options=command.options,
                 )
         return 0
-    except (ValueError, FileNotFoundError, Unfit) as problem:
-        print(f"error: {problem}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
+
+    return exit_status("blind", work)
 
 
 if __name__ == "__main__":

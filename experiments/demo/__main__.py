@@ -23,6 +23,7 @@ from mpge_jax import own_envs as own_envs  # isort: split
 
 from experiments.demo import page
 from experiments.demo.simulated import simulated_arm
+from experiments.ending import exit_status
 from mpge_jax import files
 
 MACHINE = Path(__file__).parent / "ur10"
@@ -74,7 +75,7 @@ def demo(args: Args) -> Path:
             if beside is not None:
                 _say(args, "waiting for the diagnosis of the UR10's log")
                 if beside.wait() != 0:
-                    raise RuntimeError(f"the diagnosis of {MACHINE} failed: see the lines above.")
+                    raise ValueError(f"the diagnosis of {MACHINE} failed: see the lines above.")
         finally:
             if beside is not None and beside.poll() is None:
                 beside.terminate()
@@ -105,19 +106,16 @@ def _shown(path: Path) -> bool:
 
 def main(argv: list[str] | None = None) -> int:
     """Exit status: 0; 2 for bad input; 130 when interrupted."""
-    try:
+
+    def work() -> int:
         args = tyro.cli(Args, args=argv, prog="python -m experiments.demo")
         path = demo(args)
-    except (ValueError, RuntimeError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("interrupted; run the same command again to go on.", file=sys.stderr)
-        return 130
-    print(f"page: {path}")
-    if args.open:
-        _shown(path)
-    return 0
+        print(f"page: {path}")
+        if args.open:
+            _shown(path)
+        return 0
+
+    return exit_status("demo", work)
 
 
 if __name__ == "__main__":

@@ -13,12 +13,12 @@ import tyro
 from rich.console import Console
 
 from experiments import runners
-from experiments.command_line import exit_status
+from experiments.ending import exit_status
 from experiments.fleet import changes, page, picture, robot, table
 from experiments.fleet.comparison import Fleet, compare
 from experiments.fleet.found import found_of
 from mpge_jax import files
-from mpge_jax.diagnosis import REGISTRY, load_effects
+from mpge_jax.diagnosis import REGISTRY, load_effects, load_readers
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec
 from mpge_jax.diagnosis.recordings.column_map import load
 
@@ -38,6 +38,9 @@ class Args:
     ] = ()
     effects_file: Annotated[
         tuple[Path, ...], tyro.conf.arg(help="Python files that register effects of your own")
+    ] = ()
+    reader_file: Annotated[
+        tuple[Path, ...], tyro.conf.arg(help="Python files that register readers of your own for logs")
     ] = ()
     map: Annotated[Path | None, tyro.conf.arg(help="YAML file that renames and converts columns")] = None
     seed: Annotated[int, tyro.conf.arg(help="seed of every random choice")] = 0
@@ -79,22 +82,23 @@ def fleet(args: Args) -> int:
 def _checked(args: Args) -> robot.Settings:
     """What all robots have in common, looked at before any of them."""
     runners.check(args.options)
-    paths = [args.model, *args.effects_file, *(() if args.map is None else (args.map,))]
     compile_variable(load_spec(args.model))
     for file in args.effects_file:
         load_effects(file)
+    for file in args.reader_file:
+        load_readers(file)
     if args.map is not None:
         load(args.map)
     unknown = [effect for effect in args.effects if effect not in REGISTRY]
     if unknown:
         known = ", ".join(name for name in REGISTRY if ":" not in name)
         raise ValueError(f"--effects {unknown[0]} is not known (known: {known})")
-    whole = [path.resolve() for path in paths]
     settings = robot.Settings(
-        model=whole[0],
+        model=args.model.resolve(),
         effects=args.effects or None,
-        effects_files=tuple(whole[1 : 1 + len(args.effects_file)]),
-        map=None if args.map is None else whole[-1],
+        effects_files=tuple(path.resolve() for path in args.effects_file),
+        reader_files=tuple(path.resolve() for path in args.reader_file),
+        map=None if args.map is None else args.map.resolve(),
         seed=args.seed,
         threads=args.options.threads,
     )

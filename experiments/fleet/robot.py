@@ -10,7 +10,7 @@ from typing import Any
 
 from experiments.runners import Ended, Job, Refused
 from mpge_jax import files
-from mpge_jax.diagnosis import Config, InputError, diagnose, load_effects
+from mpge_jax.diagnosis import Config, InputError, diagnose, load_effects, load_readers
 from mpge_jax.diagnosis.recordings.column_map import load
 
 RESULT, GIVEN, FAILED = "diagnosis.json", "given.json", "failed.json"
@@ -24,6 +24,7 @@ class Settings:
       model: MJCF or URDF file.
       effects: identifiers to try; None: all.
       effects_files: Python files that register effects of one's own.
+      reader_files: Python files that register readers of one's own for logs.
       map: YAML file that renames and converts columns, or None.
       seed: of every random choice.
       threads: of one diagnosis.
@@ -32,6 +33,7 @@ class Settings:
     model: Path
     effects: tuple[str, ...] | None = None
     effects_files: tuple[Path, ...] = ()
+    reader_files: tuple[Path, ...] = ()
     map: Path | None = None
     seed: int = 0
     threads: int = 1
@@ -42,7 +44,8 @@ class Settings:
 
     def identity(self) -> dict[str, Any]:
         """What decides the results, to be compared with that of an earlier run. Files go by their contents."""
-        paths = [self.model, *self.effects_files, *(() if self.map is None else (self.map,))]
+        paths = [self.model, *self.effects_files, *self.reader_files]
+        paths += [] if self.map is None else [self.map]
         return {
             "files": {path.name: zlib.crc32(path.read_bytes()) for path in paths},
             "effects": None if self.effects is None else list(self.effects),
@@ -81,6 +84,8 @@ def diagnose_robot(given: RobotJob) -> None:
         columns = None if given.settings.map is None else load(given.settings.map)
         for file in given.settings.effects_files:
             load_effects(file)
+        for file in given.settings.reader_files:
+            load_readers(file)
         progress = given.out / ".progress.json"
         recorded = given.given()
         result = diagnose(

@@ -14,6 +14,7 @@ from typing import Annotated
 import tyro
 
 from experiments import runners
+from experiments.ending import exit_status
 from experiments.scale import costs, overheads, page, robots
 from mpge_jax import files
 
@@ -82,13 +83,13 @@ Command = (
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns its exit status."""
-    try:
+
+    def work() -> int:
         command = tyro.cli(Command, args=arguments, prog="python -m experiments.scale", description=__doc__)
         print(f"written: {_do(command)}")
         return 0
-    except (ValueError, FileNotFoundError) as error:
-        print(f"scale: {error}", file=sys.stderr)
-        return 2
+
+    return exit_status("scale", work, goes_on=False)
 
 
 def _do(command: MakeRobots | OfFleet | OfSweep | OfJobs | OfComparison | WritePage) -> Path:

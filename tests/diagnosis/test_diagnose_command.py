@@ -37,6 +37,7 @@ from tests.diagnosis.machines import PENDULUM, record
 
 ROOT = Path(__file__).parents[2]
 EFFECTS = ["coulomb_friction", "viscous_damping", "actuator_gain"]
+MODEL = "model<i>.xml"
 EVIL = 'hinge&lt;script&gt;alert(1)&lt;/script&gt;"'
 
 
@@ -46,18 +47,18 @@ def _friction(model, data):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Model and recordings of a pendulum whose joint has a hostile name and dry friction of 0.1 N m."""
+    """Model and recordings with hostile names, of a pendulum whose joint has one too and dry friction of 0.1 N m."""
     path = tmp_path_factory.mktemp("pendulum")
-    (path / "model.xml").write_text(PENDULUM.replace('"hinge"', f"'{EVIL}'"))
+    (path / MODEL).write_text(PENDULUM.replace('"hinge"', f"'{EVIL}'"))
     for r in record(PENDULUM, 1.2, force=_friction):
-        np.savez(path / f"{r.name}.npz", time=r.time, qpos=r.qpos, ctrl=r.ctrl)
+        np.savez(path / f"{r.name}<img src=x>.npz", time=r.time, qpos=r.qpos, ctrl=r.ctrl)
     return path
 
 
 @pytest.fixture(scope="module")
 def result(folder, tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
-    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out", str(out)]
+    arguments = ["--model", str(folder / MODEL), "--recordings", str(folder), "--out", str(out)]
     said = io.StringIO()
     with contextlib.redirect_stdout(said):
         assert main([*arguments, "--effects", *EFFECTS, "--jobs", "1", "--quiet", "--json"]) == 0
@@ -97,7 +98,7 @@ def test_corrected_files_rebuild_the_machine(result, folder):
     model = mujoco.MjModel.from_xml_path(str(out / "corrected.xml"))
     value = table["effects"][0]["parameters"]["torque"]["value"]
     assert model.dof_frictionloss[0] == pytest.approx(value, rel=1e-4)
-    rebuilt = CorrectedModel.load(folder / "model.xml", out / "effects.json").c_stepper()
+    rebuilt = CorrectedModel.load(folder / MODEL, out / "effects.json").c_stepper()
     rebuilt.reset(np.array([0.8]), np.zeros(1))
     data = mujoco.MjData(model)
     data.qpos[:] = 0.8
@@ -148,7 +149,7 @@ def test_effects_file_names_the_model_to_which_its_effects_are_to_be_added(resul
     steppers = [
         CorrectedModel.from_folder(out).c_stepper(),
         CorrectedModel.load(out / named, out / "effects.json").c_stepper(),
-        CorrectedModel.load(folder / "model.xml", out / "effects.json").c_stepper(),
+        CorrectedModel.load(folder / MODEL, out / "effects.json").c_stepper(),
     ]
     model = mujoco.MjModel.from_xml_path(str(out / "corrected.xml"))
     data = mujoco.MjData(model)
@@ -206,8 +207,9 @@ def test_report_is_self_contained_and_escaped(result):
     text = (out / "report.html").read_text()
     page = _Page()
     page.feed(text)
-    assert "script" not in page.tags and "&lt;script&gt;" in text
-    assert len(page.images) == 6 and "Whole held-out recordings" in text
+    assert not {"script", "i"} & set(page.tags) and "&lt;script&gt;" in text
+    assert "model&lt;i&gt;.xml" in text and "run_0&lt;img src=x&gt;" in text
+    assert len(page.images) == 7 and "Whole held-out recordings" in text
     assert "@media (prefers-color-scheme:dark)" in text and "@media print" in text
     for source in page.images:
         assert base64.b64decode(source.removeprefix("data:image/png;base64,"))[:4] == b"\x89PNG"
@@ -230,7 +232,7 @@ def test_report_opens_in_a_browser_without_errors(result, tmp_path):
         "--enable-logging=stderr", "--v=0", "--virtual-time-budget=3000", "--dump-dom", probe.as_uri(),
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert "<title>shown 6 of 6</title>" in done.stdout
+    assert "<title>shown 7 of 7</title>" in done.stdout
     assert "CONSOLE" not in done.stderr
 
 
@@ -247,7 +249,7 @@ def test_report_opens_in_a_browser_without_errors(result, tmp_path):
 )
 def test_bad_input_ends_with_one_sentence_and_writes_nothing(folder, tmp_path, capsys, change, message):
     out = tmp_path / "out"
-    arguments = {"--model": [str(folder / "model.xml")], "--recordings": [str(folder)], "--out": [str(out)]}
+    arguments = {"--model": [str(folder / MODEL)], "--recordings": [str(folder)], "--out": [str(out)]}
     arguments = change(arguments)
     assert main([x for k, v in arguments.items() for x in (k, *v)]) == 2
     (error,) = capsys.readouterr().err.strip().splitlines()
@@ -260,7 +262,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_search(folder, tmp_path
 
     monkeypatch.setattr(command, "diagnose", lambda *_args: pytest.fail("the search was started"))
     (tmp_path / "file").write_text("")
-    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out"]
+    arguments = ["--model", str(folder / MODEL), "--recordings", str(folder), "--out"]
     for out in ("file", "file/out", "file/a/b"):
         assert main([*arguments, str(tmp_path / out)]) == 2
         assert "is a file; give another one." in capsys.readouterr().err
@@ -274,7 +276,7 @@ def test_two_diagnoses_into_one_folder_are_refused(folder, tmp_path, capsys, mon
     import experiments.diagnose as command
 
     monkeypatch.setattr(command, "diagnose", lambda *_args: pytest.fail("the search was started"))
-    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--out", str(tmp_path)]
+    arguments = ["--model", str(folder / MODEL), "--recordings", str(folder), "--out", str(tmp_path)]
     with files.held(tmp_path):
         assert main(arguments) == 2
     (error,) = capsys.readouterr().err.strip().splitlines()
@@ -286,7 +288,7 @@ def test_recordings_shorter_than_a_window_are_told(folder, tmp_path, capsys):
     np.savez(short, time=[0.0, 0.01, 0.02, 0.03], qpos=np.zeros((4, 1)), ctrl=np.zeros((4, 1)))
     arguments = [
         "--model",
-        str(folder / "model.xml"),
+        str(folder / MODEL),
         "--recordings",
         str(short),
         "--out",
@@ -307,7 +309,7 @@ def test_a_diagnosis_is_printed_as_its_verdict_and_warnings():
 
 def test_settings_that_are_no_config_are_refused_in_one_sentence(folder):
     with pytest.raises(InputError, match=r"as Config\(seed=0\), not as dict"):
-        diagnose(folder / "model.xml", folder, {"seed": 0})
+        diagnose(folder / MODEL, folder, {"seed": 0})
 
 
 def _hum(model, data):
@@ -352,10 +354,12 @@ def test_every_verdict_is_written_in_the_same_form(verdict, tmp_path):
     else:
         assert table["ambiguous"] == [] and table["effects"] == []
     page = (tmp_path / "report.html").read_text()
-    assert f'<span class="badge {verdict}">' in page and page.count("data:image/png") == 6
+    assert f'<span class="badge {verdict}">' in page and page.count("data:image/png") == 7
     # where nothing was corrected there is nothing to set beside the model as given
     assert ("<th>corrected</th>" in page) is (verdict == "ambiguous")
-    assert "What it was given" in page and all(f"<td>{r.name}</td>" in page for r in recordings)
+    assert f"{len(recordings)} recordings; report of" in page and all(
+        f"<td>{r.name}</td>" in page for r in recordings
+    )
     if d.warnings:
         assert all(html.escape(w) in page for w in d.warnings)
         assert page.index("Take note") < page.index("Whole held-out recordings")
@@ -394,7 +398,7 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, result, tmp_path, mo
     import mpge_jax.diagnosis.selection.procedure as decisions
 
     out, (whole_out, _) = tmp_path / "out", result
-    arguments = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--jobs", "1", "--quiet"]
+    arguments = ["--model", str(folder / MODEL), "--recordings", str(folder), "--jobs", "1", "--quiet"]
     arguments += ["--effects", *EFFECTS, "--out", str(out)]
 
     def interrupt(*_args):

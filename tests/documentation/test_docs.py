@@ -12,18 +12,23 @@ import tyro
 
 from experiments import diagnose, facts, inspect, new, pretrain, results, sweep, tuning
 from experiments.benchmark import __main__ as benchmark
+from experiments.benchmark.peers import __main__ as peers
+from experiments.blind import __main__ as blind
 from experiments.demo import __main__ as demo
+from experiments.fleet import __main__ as fleet
+from experiments.scale import __main__ as scale
 from mpge_jax.diagnosis.effects import REGISTRY, VOCABULARY
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 BY_TYRO = {
-    "demo": demo, "sweep": sweep, "benchmark": benchmark, "results": results, "pretrain": pretrain, "new": new,
-    "facts": facts, "tuning": tuning,
+    "demo": demo.Args, "sweep": sweep.Args, "benchmark": benchmark.Args, "results": results.Args,
+    "pretrain": pretrain.Args, "new": new.Args, "facts": facts.Args, "tuning": tuning.Args, "fleet": fleet.Args,
+    "scale": scale.Command, "blind": blind.Command, "benchmark.peers": peers.Args,
 }  # fmt: skip
 BY_ARGPARSE = {"diagnose": diagnose, "inspect": inspect}
-STANDS_FOR = {"TASK": "Hopper", "KIND": "MS"}
+STANDS_FOR = {"TASK": "Hopper", "KIND": "MS", "N": "4", "R": "ray"}
 
 
 def commands() -> Iterator[tuple[str, str, list[str]]]:
@@ -44,7 +49,7 @@ def test_every_command_is_understood():
         if not arguments and name in {**BY_TYRO, **BY_ARGPARSE}:
             continue  # a tool that is mentioned
         if name in BY_TYRO:
-            assert tyro.cli(BY_TYRO[name].Args, args=arguments) is not None, where
+            assert tyro.cli(BY_TYRO[name], args=arguments) is not None, where
         elif name in BY_ARGPARSE:
             if "--list-effects" not in arguments:
                 BY_ARGPARSE[name].parser().parse_args(arguments)

@@ -1,4 +1,4 @@
-"""Diagnoses, sweeps and trainings killed at random moments end with the results of those that were not."""
+"""Diagnoses, fleets, sweeps and trainings killed at random moments end with the results of those that were not."""
 
 import json
 import os
@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.machines import PENDULUM, record
+from tests.experiments.fleet import small_fleet
 
 ROOT = Path(__file__).resolve().parents[2]
 OFTEN = 50
@@ -56,7 +57,9 @@ def command(imports: str, options: list[str], run: str, programs: Path) -> Itera
     """Runs a command whose output folder is `out`: `(folder, delay) -> (exit status, seconds)`."""
     code = START.format(imports=imports, options=options, run=run)
     flags = {"XLA_FLAGS": os.environ.get("XLA_FLAGS", ""), "JAX_PLATFORMS": "cpu"}
+    # Pictures of machines take longer than what is killed here.
     flags |= {
+        "MUJOCO_GL": "off",
         "JAX_COMPILATION_CACHE_DIR": str(programs),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.03",
     }
@@ -131,6 +134,21 @@ def same_diagnosis(a: Path, b: Path) -> None:
 
 
 @contextmanager
+def fleets(folder: Path, *more: str) -> Iterator[Callable[..., Any]]:
+    options = [*small_fleet.make(folder / "given"), *more]
+    run = "(sys.argv.extend(['--out', out]), fleet.main())[1]"
+    imports = "from experiments.fleet import __main__ as fleet"
+    with command(imports, options, run, folder / "programs") as once:
+        yield once
+
+
+def same_fleet(a: Path, b: Path) -> None:
+    found = [small_fleet.results_of(out) for out in (a, b)]
+    assert list(found[0]) == list(found[1])
+    assert [name for name in found[0] if found[0][name] != found[1][name]] == []
+
+
+@contextmanager
 def sweeps(folder: Path, main: str, *chosen: str) -> Iterator[Callable[..., Any]]:
     options = ["--preset", "tiny", "--samples", "11", "--quiet", "--backend", "c", "--method", *chosen]
     imports = "from tests.experiments import test_sweep"
@@ -173,6 +191,11 @@ def test_a_diagnosis_that_is_killed_goes_on(tmp_path):
         kill_often(once, tmp_path, SELDOM, same_diagnosis)
 
 
+def test_a_fleet_that_is_killed_goes_on(tmp_path):
+    with fleets(tmp_path) as once:
+        kill_often(once, tmp_path, SELDOM, same_fleet)
+
+
 def test_a_sweep_that_is_killed_goes_on(tmp_path):
     with sweeps(tmp_path, "faked_main", "direct", "SPG", "GAT") as once:
         kill_often(once, tmp_path, SELDOM, same_sweep)
@@ -187,6 +210,14 @@ def test_a_training_that_is_killed_goes_on(tmp_path):
 def test_diagnoses_killed_often(tmp_path):
     with diagnoses(tmp_path) as once:
         kill_often(once, tmp_path, OFTEN, same_diagnosis)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_fleets_killed_often(tmp_path, workers):
+    """With workers of its own, these live on: what they are at is waited for and not done twice."""
+    with fleets(tmp_path, "--workers", workers) as once:
+        kill_often(once, tmp_path, OFTEN // 2, same_fleet)
 
 
 @pytest.mark.slow

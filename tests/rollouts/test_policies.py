@@ -1,10 +1,13 @@
 """Sets of rollout policies: selection, warm starts, files."""
 
+import tracemalloc
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from mpge_jax import files
 from mpge_jax.learning import sac
 from mpge_jax.learning.sac import SACConfig
 from mpge_jax.rollouts import policies
@@ -96,6 +99,19 @@ def test_a_damaged_file_is_named_in_one_sentence(tmp_path, damage):
     with pytest.raises(ValueError, match=r"set\.npz is damaged or is not a policy set") as error:
         policies.load(path)
     assert "\n" not in str(error.value)
+
+
+def test_a_set_that_would_fill_the_memory_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+    path = tmp_path / "set.npz"
+    files.write_npz(path, {"about": np.array("{}"), "log_alpha": np.zeros(8 << 20)})
+    assert path.stat().st_size < 100_000
+    monkeypatch.setattr(files, "MOST_BYTES", 1 << 20)
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=r"unpacked it would have 0\.0671 GB"):
+        policies.load(path)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 4e6
 
 
 def test_a_missing_set_says_how_to_make_one(tmp_path):

@@ -35,11 +35,18 @@ class Probed:
         In every window a constant generalised force is estimated from the whitened residual; its square over its
         variance, averaged over windows, is one when noise alone acts.
         """
-        inverse = np.linalg.pinv(self.gram, rcond=1e-10, hermitian=True)
+        inverse = self._inverse()
         estimate = np.einsum("wij,wj->wi", inverse, self.push)
         variance = np.maximum(np.einsum("wii->wi", inverse), 1e-300)
         ratio = np.minimum(estimate**2 / variance, 1e6)
         return ratio.mean(0), estimate * self.scale
+
+    def unsure(self) -> Array:
+        """Standard errors [W, nv] of the force estimates of `by_dof`."""
+        return np.sqrt(np.maximum(np.einsum("wii->wi", self._inverse()), 0.0)) * self.scale
+
+    def _inverse(self) -> Array:
+        return np.linalg.pinv(self.gram, rcond=1e-10, hermitian=True)
 
     def along(self, directions: Array) -> tuple[Array, Array]:
         """chi^2 of every window that missing force along each direction alone explains [W, k], and that missing force
@@ -48,7 +55,7 @@ class Probed:
         Args:
             directions: [W, k, nv] generalised forces; their length does not matter.
         """
-        inverse = np.linalg.pinv(self.gram, rcond=1e-10, hermitian=True)
+        inverse = self._inverse()
         whole = np.einsum("wi,wij,wj->w", self.push, inverse, self.push)
         unit = directions / self.scale
         along = np.einsum("wki,wi->wk", unit, self.push) ** 2

@@ -9,7 +9,16 @@ from typing import Any
 
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.report.html_sections import close, given, image, pasted, predicted, whole
+from mpge_jax.diagnosis.report.html_sections import (
+    close,
+    given,
+    image,
+    logs,
+    pasted,
+    predicted,
+    residual,
+    whole,
+)
 from mpge_jax.diagnosis.report.html_sections import table as table_of
 from mpge_jax.diagnosis.report.sentences import beside_noise, effect_rows, times, unit_of_joint
 from mpge_jax.diagnosis.report.style import STYLE
@@ -190,7 +199,7 @@ def page(
 <p class="quiet">Root-mean-square error of {predicted(d, table)}, over {len(held["recordings"])} held-out
 {"recording" if len(held["recordings"]) == 1 else "recordings"}; {escape(noise)}.</p>
 {table_of(columns, joints)}</div></div>
-{_effects(table)}{_ambiguous(table, experiment)}{_unexplained(d)}{whole(d, figures)}{_drives(d)}
+{_effects(table)}{_ambiguous(table, experiment)}{_unexplained(d)}{residual(d, figures)}{whole(d, figures)}{_drives(d)}
 {pasted(*models)}{_not_native(effects)}
 <h2>Closer</h2><p class="quiet">{close(d)}</p>
 {image(figures["prediction"], "held-out motion, predicted before and after")}
@@ -198,7 +207,7 @@ def page(
 <div>{image(figures["location"], "where force is missing")}</div></div>
 <h2>Where the error lies in time</h2>{image(figures["residuals"], "error by window")}
 {_rivals(table)}{_next(d)}{given(d)}
-<p><small>Trained on {escape(", ".join(table["fit"]["train"]["recordings"][:12]))}; held out
-{escape(", ".join(held["recordings"][:12]))}. Seed {table["seed"]}; {versions}.</small></p>
+<p><small>Trained on {logs(d.prepared.looked_at)}; held out {logs(d.prepared.test)}. Seed {table["seed"]};
+{versions}.</small></p>
 </main></body></html>
 """

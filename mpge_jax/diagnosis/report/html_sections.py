@@ -13,12 +13,12 @@ import numpy as np
 
 from mpge_jax.diagnosis.estimation.whitening import column_scale
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.report.sentences import unit_of_motion
+from mpge_jax.diagnosis.report.sentences import error_unit, moves, of_inputs, unit_of_motion
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.verdict.result import Result
 
-RECORDINGS, LINES = 40, 60
-"""Recordings, and lines of the model file, that are shown at most."""
+RECORDINGS, LINES, LISTED = 40, 60, 12
+"""Recordings, lines of the model file, and names in a sentence, that are shown at most."""
 
 _TAG = {"-": "del", "+": "ins"}
 
@@ -36,8 +36,11 @@ def given(d: Result) -> str:
         for dof in range(p.model.nv)
         if np.isfinite(noise[dof])
     ]
+    name = d.model.name if d.model is not None else p.spec.modelname
+    count = len({s.recording.log for s in p.sources})
     return (
-        f"<h2>What it was given</h2><p>Model <code>{escape(p.spec.modelname)}</code>; {len(sources)} recordings; "
+        f"<h2>What it was given</h2><p>Model <code>{escape(name)}</code>; {count} "
+        f"{'recording' if count == 1 else 'recordings'}; "
         f"report of {datetime.date.today().isoformat()}.</p>"
         + table(["recording", "used for", "lasts (s)", "rows a second", "rows"], rows)
         + more
@@ -45,11 +48,16 @@ def given(d: Result) -> str:
     )
 
 
+def logs(sources: tuple[Source, ...]) -> str:
+    """Names of the logs of which some recordings are parts; of many, the first ones."""
+    return escape(", ".join(list(dict.fromkeys(s.recording.log for s in sources))[:LISTED]))
+
+
 def _row(s: Source, part: str) -> list[str]:
     r = s.recording
     rate = 1.0 / float(np.median(np.diff(r.time)))
     rows = r.time.size - r.first_shown
-    return [escape(r.name), part, f"{r.duration - s.spent:.3g}", f"{rate:.3g}", f"{rows}"]
+    return [escape(r.log), part, f"{r.duration - s.spent:.3g}", f"{rate:.3g}", f"{rows}"]
 
 
 def changes(nominal: str, corrected: str) -> list[str]:
@@ -84,6 +92,38 @@ def whole(d: Result, figures: dict[str, Path]) -> str:
     return (
         f'<h2>Whole held-out recordings</h2><p class="quiet">Nothing was fitted to them; {how}.</p>'
         + image(figures["whole"], "whole held-out recordings, predicted before and after")
+        + _strip(figures)
+    )
+
+
+def _strip(figures: dict[str, Path]) -> str:
+    """The machine at moments of the first of these recordings."""
+    if "strip" not in figures:
+        return ""
+    return (
+        '<p class="quiet">The machine at moments of the first of them: grey as measured, the models over it.</p>'
+        + image(figures["strip"], "the machine at moments of a held-out recording, measured and predicted")
+    )
+
+
+def residual(d: Result, figures: dict[str, Path]) -> str:
+    """What is left as functions: formulas with what their letters mean, ranges, and how it does."""
+    if d.residual is None:
+        return ""
+    items = [
+        f"<li>At the {escape(f.term.place.name)}, a function {escape(of_inputs(f))}.</li>"
+        for f in d.residual.functions
+    ]
+    unit = error_unit(d)
+    return (
+        "<h2>What is left, as a function</h2><p>Fitted to the other recordings; the points are the force that is "
+        "missing in the held-out ones, told without it. With it the error of held-out recordings "
+        f"{escape(moves(d.residual.before, d.residual.after, unit))}. <code>effects.json</code> holds it.</p>"
+        f"<ul>{''.join(items)}</ul>"
+        + image(
+            figures["residual"],
+            "the missing force over what it depends on, with the function that was fitted",
+        )
     )
 
 

@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.estimation.intervals import parameters
 from mpge_jax.diagnosis.estimation.quantities import clause, intervals, quantity
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
-from mpge_jax.diagnosis.residual.model import ResidualModel
+from mpge_jax.diagnosis.residual.model import Function, ResidualModel
 from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, candidates_of
 
 SEVERAL = 3
@@ -108,15 +108,21 @@ def explanation(d: Result) -> str:
 
 def _residual(r: ResidualModel, unit: str) -> str:
     """What is left as functions, and what they do to recordings that they never saw."""
-    each = []
-    for f in r.functions:
-        of = _listed([INPUTS[a.input] for a in f.axes])
-        said = "" if f.formula is None else f" ({f.formula})"
-        each.append(f"at the {f.term.place.name}, of the {of}{said}")
+    each = [f"at the {f.term.place.name}, {of_inputs(f)}" for f in r.functions]
     return (
         f"It is modelled all the same, as a smooth function {'; '.join(each)}: with it the error of held-out "
         f"recordings {moves(r.before, r.after, unit)}."
     )
+
+
+def of_inputs(f: Function) -> str:
+    """'of the position q of the joint (about 0.31 sin(2q) N m, for -1.2 < q < 1.2 rad)'; the letters only where
+    there is a formula of them."""
+    said = [f"the {INPUTS[a.input]}" for a in f.axes]
+    if f.formula is None:
+        return f"of {_listed(said)}"
+    lettered = [x.replace(" of", f" {a.input} of", 1) for x, a in zip(said, f.axes, strict=True)]
+    return f"of {_listed(lettered)} ({f.formula})"
 
 
 def _gain(d: Result) -> str:

@@ -21,7 +21,7 @@ th,td{text-align:left;padding:.35rem .7rem .35rem 0;border-bottom:1px solid var(
 td.within{border-bottom-color:transparent}
 img{max-width:100%;height:auto}
 figure{margin:0}
-pre{overflow-x:auto;background:var(--code);padding:.6rem .8rem;font-size:.85rem}
+pre{white-space:pre-wrap;overflow-wrap:anywhere;background:var(--code);padding:.6rem .8rem;font-size:.85rem}
 ins,del{text-decoration:none}
 ins{color:var(--added)}
 del{color:var(--removed)}
@@ -43,8 +43,7 @@ main{max-width:none;padding:0}
 img{filter:none;break-inside:avoid}
 h2{break-after:avoid}
 tr,figure,.numbers{break-inside:avoid}
-pre{white-space:pre-wrap;overflow-wrap:anywhere}
-.overflow,pre{overflow:visible}
+.overflow{overflow:visible}
 .badge{print-color-adjust:exact;-webkit-print-color-adjust:exact}
 .row>*{flex-basis:14rem}}
 """

@@ -36,30 +36,33 @@ def seen(p: Prepared, place: Place) -> dict[str, Array]:
     """Values [N] of every input that is known, over evenly spread rows of the training recordings."""
     total = sum(s.recording.time.size for s in p.train)
     stride = max(1, total // ROWS)
-    rows = [_rows(p, s, place, stride) for s in p.train]
+    rows = [values_of(p, s, place, stride) for s in p.train]
     return {key: np.concatenate([r[key] for r in rows]) for key in rows[0]}
 
 
-def _rows(p: Prepared, s: Source, place: Place, stride: int) -> dict[str, Array]:
+def values_of(p: Prepared, s: Source, place: Place, stride: int = 1) -> dict[str, Array]:
+    """Values of every input that is known, over every `stride`-th row of a recording."""
     m, which = p.model, slice(None, None, stride)
-    out = {
-        ANGLE: s.states.qpos[which, p.ctx.qadr(place)],
-        SPEED: s.states.qvel[which, p.ctx.dof(place)],
-    }
+    out = values_along(p, place, s.states.qpos[which], s.states.qvel[which])
     drives = driven_by(p.ctx, place)
     if drives and all(has_plain_law(m, a) for a in drives):
         forces = [
             float(m.actuator_gear[a, 0]) * plain_force(m, a, s.command, s.states)[which] for a in drives
         ]
         out[DRIVE] = np.sum(forces, axis=0)
-    data, load = mujoco.MjData(m), []
-    for q, v in zip(s.states.qpos[which], s.states.qvel[which], strict=True):
+    return out
+
+
+def values_along(p: Prepared, place: Place, qpos: Array, qvel: Array) -> dict[str, Array]:
+    """Values [N] of the inputs that a motion [N, nq], [N, nv] tells by itself."""
+    m, dof, load = p.model, p.ctx.dof(place), []
+    data = mujoco.MjData(m)
+    for q, v in zip(qpos, qvel, strict=True):
         data.qpos[:], data.qvel[:] = q, v
         mujoco.mj_fwdPosition(m, data)
         mujoco.mj_fwdVelocity(m, data)
-        load.append(-data.qfrc_bias[p.ctx.dof(place)])
-    out[LOAD] = np.array(load)
-    return out
+        load.append(-data.qfrc_bias[dof])
+    return {ANGLE: qpos[:, p.ctx.qadr(place)], SPEED: qvel[:, dof], LOAD: np.array(load)}
 
 
 def functions(values: dict[str, Array]) -> list[Residual]:

@@ -52,6 +52,13 @@ def worthwhile(found: list[Function], before: float, after: float) -> ResidualMo
     return ResidualModel(tuple(found), before, after) if found and after < (1.0 - WORTH) * before else None
 
 
+def with_residual(ctx: Context, f: Fitted, r: ResidualModel) -> Fitted:
+    """`f` with all of the functions."""
+    for function in r.functions:
+        f = with_function(ctx, f, function.term, function.theta)
+    return f
+
+
 def with_function(ctx: Context, f: Fitted, term: Term, theta: Array | None = None) -> Fitted:
     """`f` with a function of given values (0)."""
     h = f.hypothesis.with_term(term)

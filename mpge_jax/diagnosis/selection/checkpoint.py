@@ -51,9 +51,15 @@ def attach(s: Search, p: Prepared, path: Path) -> None:
         table = json.loads(path.read_text(encoding="utf-8"))
         if table["of"] != mark:
             return
-        last, first = (tuple(_scored(p.ctx, terms, x) for x in table[name]) for name in ("last", "first"))
+        counts = s.train.count, s.held.count
+        last, first = (
+            tuple(_scored(p.ctx, terms, x, counts) for x in table[name]) for name in ("last", "first")
+        )
         reached = Reached(_fit(p.ctx, terms, table["fit"]), last, first)
-        p.sim.work, s.looked, s.resume = float(table["work"]), bool(table["looked"]), reached
+        work = float(table["work"])
+        if not 0.0 <= work < np.inf:
+            raise ValueError("no work")
+        p.sim.work, s.looked, s.resume = work, bool(table["looked"]), reached
     except (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError):
         return
 
@@ -64,15 +70,20 @@ def _fit_table(f: Fitted) -> dict[str, Any]:
 
 
 def _fit(ctx: Context, terms: _Terms, table: dict[str, Any]) -> Fitted:
-    """Raises KeyError or ValueError where a version kept it whose effects had other names or parameters."""
+    """Raises KeyError or ValueError where a version kept it whose effects had other names or parameters, or where it
+    was changed since."""
     hypothesis = Hypothesis.of(*(terms[t["id"], t["kind"], t["index"]] for t in table["terms"]))
     arrays = {name: np.array(table[name], dtype=float) for name in _FIT}
     size = len(hypothesis.params(ctx))
-    if not arrays["theta"].shape == arrays["centre"].shape == (size,):
-        raise ValueError("other parameters")
     for name in ("information", "cov"):
         # an empty list does not tell that it was a table
         arrays[name] = arrays[name] if arrays[name].size else nothing()
+        if arrays[name].shape not in ((0, 0), (size, size)):
+            raise ValueError("other parameters")
+    if not arrays["theta"].shape == arrays["centre"].shape == (size,) or arrays["x"].ndim != 1:
+        raise ValueError("other parameters")
+    if not all(np.isfinite(array).all() for array in arrays.values()):
+        raise ValueError("not finite")
     return Fitted(hypothesis, loss=float(table["loss"]), **arrays)
 
 
@@ -87,8 +98,13 @@ def _scored_table(r: Scored) -> dict[str, Any]:
     }
 
 
-def _scored(ctx: Context, terms: _Terms, table: dict[str, Any]) -> Scored:
+def _scored(ctx: Context, terms: _Terms, table: dict[str, Any], counts: tuple[int, int]) -> Scored:
+    """Raises like `_fit`, and ValueError where it was told of other numbers of windows."""
     train, held = (np.array(table[name], dtype=float) for name in ("train", "held"))
-    directions, tier = int(table["directions"]), int(table["tier"])
-    each = np.array(table["each"], dtype=float).reshape(train.size + held.size, -1)
-    return Scored(_fit(ctx, terms, table["fit"]), train, held, directions, tier, float(table["factor"]), each)
+    if (train.shape, held.shape) != ((counts[0],), (counts[1],)):
+        raise ValueError("other windows")
+    directions, tier, factor = int(table["directions"]), int(table["tier"]), float(table["factor"])
+    each = np.array(table["each"], dtype=float).reshape(sum(counts), -1)
+    if not all(np.isfinite(x).all() for x in (train, held, each, factor)):
+        raise ValueError("not finite")
+    return Scored(_fit(ctx, terms, table["fit"]), train, held, directions, tier, factor, each)

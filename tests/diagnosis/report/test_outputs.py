@@ -18,6 +18,7 @@ from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.report import sentences
+from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.motion_figures import span
 from mpge_jax.diagnosis.report.html_page import _drives
 from mpge_jax.diagnosis.report.html_sections import changes, pasted
@@ -220,6 +221,14 @@ def test_curves_fill_their_panels_and_what_runs_away_leaves_them():
     low, high = span(measured, (measured + 0.1, 0.99 * measured), 0.0)
     assert high - low < 1.3 and low < 0.0 and high > 1.1
     assert span(measured, (10.0 * measured,), 0.0)[1] < 2.3
+
+
+def test_the_shortest_bar_is_seen_too(tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr(drawing, "save", lambda figure, path: figures.append(figure))
+    drawing.bars(["a", "b"], np.array([3.1e-3, 3.2e-3]), np.array([3e-3, np.nan]), 3.05e-3, "error", tmp_path)
+    low, high = figures[0].axes[0].get_xlim()
+    assert low < 0.7 * 3e-3 and high > 3.2e-3
 
 
 def test_an_effect_of_many_joints_is_told_in_one_sentence():

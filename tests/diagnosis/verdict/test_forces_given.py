@@ -18,6 +18,7 @@ from mpge_jax.diagnosis.force_balance.needed_force import needed
 from mpge_jax.diagnosis.force_balance.resolution import choose
 from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, tracks
 from mpge_jax.diagnosis.machine.model import compile_variable
+from mpge_jax.diagnosis.report.figures import force_figures
 from mpge_jax.diagnosis.report.tables import diagnosis_table, effects_table
 from mpge_jax.diagnosis.simulation.single_step import Machine
 from mpge_jax.diagnosis.verdict.force_judgement import judge_forces
@@ -98,7 +99,7 @@ def test_a_force_that_no_effect_gives_is_unexplained_where_it_acts():
     assert d.unexplained["share"] > 0.1 and len(d.unexplained["intervals"]) >= 1
 
 
-def test_what_is_unexplained_is_modelled_as_a_function_that_unseen_forces_follow():
+def test_what_is_unexplained_is_modelled_as_a_function_that_unseen_forces_follow(tmp_path, monkeypatch):
     def odd(q, v):
         return np.stack([0 * q[:, 0], 0.4 * v[:, 1] * np.cos(3 * q[:, 1])], 1)
 
@@ -112,6 +113,13 @@ def test_what_is_unexplained_is_modelled_as_a_function_that_unseen_forces_follow
     (row,) = [e for e in effects_table(d)["effects"] if e["id"] == "residual"]
     assert row["form"] == d.residual.functions[0].term.id and not row["native"]
     assert "coulomb_friction@shoulder" in named(d)
+    # and the figure of whole recordings shows what it does
+    figures = []
+    monkeypatch.setattr(force_figures.drawing, "save", lambda figure, path: figures.append(figure))
+    force_figures.whole(d, d.held, tmp_path / "whole.png")
+    ax = next(ax for ax in figures[0].axes if ax.get_ylabel().startswith("elbow"))
+    measured, _, corrected, modelled = (line.get_ydata() for line in ax.lines)
+    assert np.std(modelled - measured) < 0.5 * np.std(corrected - measured)
 
 
 def test_the_same_in_principle_is_ambiguous():

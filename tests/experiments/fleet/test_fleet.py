@@ -1,15 +1,18 @@
 """The command, on diagnoses that cost nothing: what it refuses, skips, compares and writes."""
 
+import html
 import json
 import sys
+from urllib.parse import quote
 
 import numpy as np
 import pytest
 
 from experiments.fleet import __main__ as command
 from experiments.fleet import robot
-from mpge_jax import files
+from mpge_jax import files, own_code
 from mpge_jax.diagnosis import InputError
+from mpge_jax.diagnosis.recordings.formats import own_readers, registry
 from tests.diagnosis.machines import PENDULUM
 
 
@@ -112,6 +115,18 @@ def test_odd_robots_come_first_and_failures_stop_nothing(fleet, capsys):
     assert "9 robots were diagnosed, 1 could not be; 2 are odd" in capsys.readouterr().out
 
 
+def test_names_of_robots_and_joints_are_text_on_the_page(fleet):
+    evil = "<img src=x onerror=alert(1)>"
+    (fleet.folder / "robots" / "odd").rename(fleet.folder / "robots" / evil)
+    bad = friction(0.2) | {"at": "<script>alert(2)</script>"}
+    fleet.said[evil] = table(bad) | {"explanation": "<script>alert(3)</script>"}
+    fleet()
+    page = (fleet.folder / "out" / "fleet.html").read_text()
+    assert "<script" not in page and "<img src=x" not in page
+    assert html.escape(evil) in page and html.escape(bad["at"]) in page
+    assert f'href="robots/{quote(evil)}/report.html"' in page
+
+
 def test_what_is_done_stands_until_its_recordings_change(fleet):
     fleet()
     fleet.ran.clear()
@@ -122,6 +137,32 @@ def test_what_is_done_stands_until_its_recordings_change(fleet):
     (fleet.folder / "robots" / "odd" / "run_1.csv").write_text("one more")
     fleet()
     assert sorted(fleet.ran) == ["broken", "broken", "odd"]
+
+
+def test_logs_of_ones_own_are_read_by_every_job_and_count_as_input(fleet, monkeypatch, capsys):
+    monkeypatch.setattr(registry, "OWN", before := [])
+    monkeypatch.setattr(own_readers, "OWN", before)
+    monkeypatch.setattr(own_readers, "_read", {})
+    monkeypatch.setattr(own_code, "_loaded", {})
+    text = "from mpge_jax.diagnosis import register_reader\n@register_reader('mine', '.trc')\ndef read(path): ...\n"
+    reader = fleet.folder / "mine.py"
+    reader.write_text(text)
+    fleet("--reader-file", reader)
+    assert "mine.py" in json.loads((fleet.folder / "out" / "settings.json").read_text())["files"]
+    # A job loads them by itself, as it may run in another process.
+    loaded = []
+    monkeypatch.setattr(robot, "load_readers", loaded.append)
+    given = robot.RobotJob(
+        robot.Settings(fleet.folder / "model.xml", reader_files=(reader,)),
+        fleet.folder / "robots" / "odd",
+        fleet.folder / "again",
+    )
+    robot.diagnose_robot(given)
+    assert loaded == [reader]
+    capsys.readouterr()
+    reader.write_text(text + "# other\n")
+    assert fleet("--reader-file", reader) == 2
+    assert "holds another fleet (files differ)" in capsys.readouterr().err
 
 
 def test_this_week_against_last_week(fleet, capsys):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from experiments import runners
+from tests.experiments.fleet import small_fleet
 from tests.experiments.runners.jobs import results_of, sums
 
 pytest.importorskip("ray", reason="Ray is not installed: pip install -e '.[ray]'")
@@ -58,6 +59,15 @@ def test_cells_of_a_killed_node_are_those_of_one_machine(tmp_path):
         # A commit while this test runs is no matter.
         rows.append([{k: v for k, v in row.items() if "seconds" not in k and k != "commit"} for row in found])
     assert rows[0] == rows[1] and len(rows[0]) == 6
+
+
+def test_robots_of_a_killed_node_are_those_of_one_machine(tmp_path):
+    small_fleet.make(tmp_path / "given")
+    do("fleet alone", tmp_path / "alone")
+    do("fleet", tmp_path / "cluster")
+    alone, cluster = (small_fleet.results_of(tmp_path / name / "out") for name in ("alone", "cluster"))
+    assert list(alone) == list(cluster) and "robots/right/diagnosis.json" in alone
+    assert [name for name in alone if alone[name] != cluster[name]] == []
     files = sorted(p.relative_to(tmp_path / "alone") for p in (tmp_path / "alone" / "cells").rglob("*.npz"))
     assert files == sorted(
         p.relative_to(tmp_path / "cluster") for p in (tmp_path / "cluster" / "cells").rglob("*.npz")

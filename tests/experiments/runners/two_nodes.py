@@ -10,11 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import ray
+import tyro
 from ray.cluster_utils import Cluster
 
 from experiments import runners, sweep
+from experiments.fleet import __main__ as fleet
 from experiments.presets import PRESETS
 from mpge_jax.rollouts import policies
+from tests.experiments.fleet import small_fleet
 from tests.experiments.runners.jobs import sums
 from tests.experiments.test_sweep import shipped
 from tests.experiments.tiny import TINY
@@ -86,6 +89,17 @@ def run_cells(out: Path, options: runners.Options) -> None:
     assert sweep.sweep(sweep.Args(**asked, out=out, quiet=True, options=options)) == 0
 
 
+def in_the_middle_of_robots(out: Path) -> bool:
+    """Whether each node is at a robot."""
+    return len(list((out / "out" / "robots").glob("*/.lock"))) == 2
+
+
+def run_fleet(out: Path, *more: str) -> None:
+    """The robots of the small fleet, whose recordings lie in `given`."""
+    options = [*small_fleet.options(out.parent / "given"), "--out", str(out / "out"), *more]
+    assert fleet.fleet(tyro.cli(fleet.Args, args=options)) == 0
+
+
 def main(what: str, out: str) -> None:
     """Does one of the above."""
     folder = Path(out)
@@ -93,6 +107,10 @@ def main(what: str, out: str) -> None:
         killing_a_node(lambda: add_sums(folder), lambda: in_the_middle_of_jobs(folder))
     elif what == "cells":
         killing_a_node(lambda: run_cells(folder, RAY), lambda: in_the_middle_of_cells(folder))
+    elif what == "fleet":
+        killing_a_node(lambda: run_fleet(folder, "--runner", "ray"), lambda: in_the_middle_of_robots(folder))
+    elif what == "fleet alone":
+        run_fleet(folder)
     else:
         run_cells(folder, runners.Options())
     sys.exit(0)

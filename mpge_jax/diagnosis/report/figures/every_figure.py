@@ -8,9 +8,16 @@ from matplotlib.figure import Figure
 
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.report.figures import drawing, force_figures, motion_figures, whole_recordings
+from mpge_jax.diagnosis.report.figures import (
+    drawing,
+    force_figures,
+    motion_figures,
+    motion_strip,
+    whole_recordings,
+)
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED
 from mpge_jax.diagnosis.report.figures.marks import Mark
+from mpge_jax.diagnosis.report.figures.residual_figure import residual
 from mpge_jax.diagnosis.report.figures.robot_picture import robot
 from mpge_jax.diagnosis.verdict.location import locate
 from mpge_jax.diagnosis.verdict.result import Result, candidates_of
@@ -18,14 +25,15 @@ from mpge_jax.diagnosis.verdict.result import Result, candidates_of
 
 def location(d: Result, path: Path) -> Path:
     rows = locate(d)[:12]
-    figure = Figure(figsize=(6.4, 0.42 * len(rows) + 1.3), layout="constrained")
+    figure = Figure(figsize=(drawing.SMALL, 0.42 * len(rows) + 1.2), layout="constrained")
     ax = figure.subplots()
     ax.barh(range(len(rows)), [max(e, 1e-2) for _, _, e in rows], color="#6b6b6b")
     ax.axvline(1.0, color=CORRECTED, ls="--")
+    ax.set_xlim(left=0.5 * min([1.0, *(max(e, 1e-2) for _, _, e in rows)]))
     drawing.log_scale(ax)
     ax.set_yticks(range(len(rows)), [f"{drawing.short(a, 18)} ({k})" for a, k, _ in rows])
     ax.invert_yaxis()
-    ax.set_xlabel("missing force, squared, over what noise explains (1: nothing missing)")
+    ax.set_xlabel("missing force, squared, over what noise explains\n(1: nothing missing)")
     return drawing.save(figure, path)
 
 
@@ -54,7 +62,8 @@ def marks(d: Result) -> list[Mark]:
 
 
 def draw(d: Result, folder: Path) -> dict[str, Path]:
-    """All figures; the key is what a figure shows (`whole` only where a held-out recording can be predicted)."""
+    """All figures; the key is what a figure shows (`whole` and `strip` only where a held-out recording can be
+    predicted, `residual` where there is one)."""
     folder.mkdir(parents=True, exist_ok=True)
     p = d.prepared
     curves, bars = folder / "prediction.png", folder / "errors.png"
@@ -72,8 +81,11 @@ def draw(d: Result, folder: Path) -> dict[str, Path]:
             "errors": motion_figures.errors_by_joint(d, d.held, bars),
             "residuals": motion_figures.residual_map(d.held, map_of_time),
         }
-        if drawn := whole_recordings.whole(d, d.held, all_of_it):
-            shown["whole"] = drawn
+        if recordings := whole_recordings.whole_recordings(d):
+            shown["whole"] = whole_recordings.whole(d, d.held, recordings, all_of_it)
+            shown["strip"] = motion_strip.strip(p, recordings[0], folder / "strip.png")
+    if d.residual is not None:
+        shown["residual"] = residual(d, d.residual.functions, folder / "residual.png")
     return shown | {
         "robot": robot(p.spec, p.model, p.test[0].states.qpos, marks(d), folder / "robot.png"),
         "location": location(d, folder / "location.png"),

@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, NOMINAL
 from mpge_jax.diagnosis.report.sentences import unit_of_joint
+from mpge_jax.diagnosis.residual.model import with_residual
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
@@ -57,15 +58,17 @@ def whole(d: Result, e: ForceErrors, path: Path) -> Path:
     figure = Figure(figsize=(9.6, 1.7 * len(shown) * len(tracks) + 0.6), layout="constrained")
     axes = figure.subplots(len(shown) * len(tracks), 1, squeeze=False)[:, 0]
     m, names = d.prepared.model, d.prepared.names
+    predicted = [e.given, e.corrected]
+    if d.residual is not None:
+        modelled = with_residual(d.ctx, d.fit, d.residual)
+        predicted.append(e.balance.predicted(modelled.hypothesis.split(d.ctx, modelled.theta)))
     first = 0
     for k, (track, source) in enumerate(zip(tracks, d.prepared.test, strict=False)):
         rows = slice(first, first + len(track.time))
         first += len(track.time)
         time = source.recording.shown_origin + track.time
         for ax, a in zip(axes[k * len(shown) :], shown, strict=False):
-            for values, color, style, width, label in drawing.curves(
-                e.balance.measured, e.given, e.corrected
-            ):
+            for values, color, style, width, label in drawing.curves(e.balance.measured, *predicted):
                 ax.plot(time, values[rows, a], color=color, ls=style, lw=width, label=label)
             unit = unit_of_joint(d, names.driven_by(m, a))
             ax.set_ylabel(f"{drawing.short(names.actuators[a], 18)} ({unit})")

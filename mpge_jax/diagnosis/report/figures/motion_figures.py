@@ -96,9 +96,7 @@ def errors_by_joint(d: Result, report: FitReport, path: Path) -> Path:
     """Held-out prediction error of every joint."""
     dofs = worst_dofs(report, 16)
     names = [d.prepared.names.joint_of_dof(d.prepared.model, k) for k in dofs]
-    what = (
-        f"held-out prediction error ({error_unit(d)}, rms over windows of {report.windows.times.max():.2g} s)"
-    )
+    what = f"held-out error ({error_unit(d)}, rms over windows of {report.windows.times.max():.2g} s)"
     return drawing.bars(names, report.before.joint[dofs], report.after.joint[dofs], report.floor, what, path)
 
 

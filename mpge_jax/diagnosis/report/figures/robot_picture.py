@@ -17,6 +17,10 @@ from mpge_jax.diagnosis.report.figures.robot_render import Picture, render
 
 Array = np.ndarray
 _MARK = "#d62718"
+SIZE = 4.2
+"""Width (inches) of the machine in the figure."""
+READABLE = 0.75
+"""Size of letters, over the usual one, below which labels say less."""
 MARGIN = 0.4
 """Width of the margin for labels beside the tree, over that of the tree."""
 _LONG = [int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)]
@@ -48,7 +52,7 @@ def robot(spec: mujoco.MjSpec, model: mujoco.MjModel, qpos: Array, marks: Sequen
         text = "on the whole machine: " + ", ".join(everywhere)
         figure.axes[0].text(0.02, 0.98, text, color=_MARK, transform=figure.axes[0].transAxes, va="top")
     FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=110 if picture is None else 180)
+    figure.savefig(path, dpi=180)
     return path
 
 
@@ -56,17 +60,35 @@ def _photograph(picture: Picture, spots: list[tuple[Mark, Spot]]) -> Figure:
     """The picture with a ring around every spot; the labels stand in a margin at the right."""
     height, width = picture.pixels.shape[:2]
     margin = 0.42 * width if spots else 0.0
-    figure = Figure(figsize=(4.2 * (width + margin) / width, 4.2 * height / width))
+    figure = Figure(figsize=(SIZE * (width + margin) / width, SIZE * height / width))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     ax.imshow(picture.pixels)
     ax.axis("off")
     ax.set_xlim(0, width + margin)
     ax.set_ylim(height, 0)
-    labels = _by_point([mark for mark, _ in spots], picture.points)
-    shares, squeeze = _stacked([(y / height, len(lines)) for (_, y), lines in labels.items()])
-    for (point, lines), share in zip(labels.items(), shares, strict=True):
-        _label(ax, point, "\n".join(lines), (1.02 * width, share * height), 10 * squeeze)
+    labels, squeeze = _placed([mark for mark, _ in spots], picture.points, 0.0, float(height))
+    for point, text, share in labels:
+        _label(ax, point, text, (1.02 * width, share * height), 10 * squeeze)
     return figure
+
+
+def _placed(
+    marks: Sequence[Mark], points: Array, top: float, bottom: float
+) -> tuple[list[tuple[tuple[float, float], str, float]], float]:
+    """Points with their labels and the heights of these, in shares from the top, and by how much letters shrink. Where
+    there is no room to read what is named at each place, the places are labelled alone; the page lists the rest.
+
+    Args:
+        points: [M, 2], of which the second coordinate grows downwards. top, bottom: of the picture.
+    """
+    for brief in (False, True):
+        told = [Mark(m.kind, m.index, m.label.split("\n")[0]) for m in marks] if brief else marks
+        labels = _by_point(told, points)
+        wanted = [((y - top) / (bottom - top), len(lines)) for (_, y), lines in labels.items()]
+        shares, squeeze = _stacked(wanted)
+        if squeeze > READABLE:
+            break
+    return [(p, "\n".join(x), share) for (p, x), share in zip(labels.items(), shares, strict=True)], squeeze
 
 
 def _by_point(marks: Sequence[Mark], points: Array) -> dict[tuple[float, float], list[str]]:
@@ -104,7 +126,7 @@ def _label(ax: Axes, point: tuple[float, float], text: str, at: tuple[float, flo
     )  # fmt: skip
 
 
-def _segments(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[Array, Array]]:
+def segments(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[Array, Array]]:
     """Line segments that show the bodies: parent to child, and body to centre of mass."""
     out = []
     for b in range(1, model.nbody):
@@ -129,16 +151,20 @@ def _segments(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[Array, A
     return out
 
 
+def plane(cloud: Array) -> list[int]:
+    """The two axes of the world that show most of points [N, 3]: upright, unless they lie flat."""
+    span = np.ptp(cloud, axis=0)
+    return [0 if span[0] >= span[1] else 1, 2] if span[2] > 0.02 * span.max() else [0, 1]
+
+
 def _tree(model: mujoco.MjModel, data: mujoco.MjData, spots: list[tuple[Mark, Spot]]) -> Figure:
     """The kinematic tree, seen along the axis in which it is thinnest."""
-    segments = _segments(model, data)
-    cloud = np.array([p for segment in segments for p in segment] or [np.zeros(3)])
-    span = np.ptp(cloud, axis=0)
-    horizontal = 0 if span[0] >= span[1] else 1
-    view = [horizontal, 2] if span[2] > 0.02 * span.max() else [0, 1]
-    figure = Figure(figsize=(5.2 * (1 + MARGIN) if spots else 5.2, 4.4), layout="constrained")
+    links = segments(model, data)
+    cloud = np.array([p for link in links for p in link] or [np.zeros(3)])
+    span, view = np.ptp(cloud, axis=0), plane(cloud)
+    figure = Figure(figsize=(SIZE * (1 + MARGIN) if spots else SIZE, 0.85 * SIZE), layout="constrained")
     ax = figure.subplots()
-    for a, b in segments:
+    for a, b in links:
         ax.plot(*np.array([a, b])[:, view].T, color="#8fa3b5", lw=6, solid_capstyle="round", zorder=1)
     pad = 0.15 * max(float(span.max()), 0.05)
     centre, half = 0.5 * (cloud.max(0) + cloud.min(0)), 0.5 * float(span.max()) + pad
@@ -153,11 +179,11 @@ def _tree(model: mujoco.MjModel, data: mujoco.MjData, spots: list[tuple[Mark, Sp
         for point, lines in _by_point([joints[j] for j in free], anchors[free]).items():
             text = ", ".join(lines)
             ax.annotate(text, point, xytext=(7, 5), textcoords="offset points", fontsize=8)
-    labels = _by_point([mark for mark, _ in spots], np.array(marked).reshape(-1, 2) * [1.0, -1.0])
-    shares, squeeze = _stacked([((high + y) / (high - low), len(lines)) for (_, y), lines in labels.items()])
-    for ((x, y), lines), share in zip(labels.items(), shares, strict=True):
+    points = np.array(marked).reshape(-1, 2) * [1.0, -1.0]
+    labels, squeeze = _placed([mark for mark, _ in spots], points, -high, -low)
+    for (x, y), text, share in labels:
         at = (right + 0.02 * (right - left), high - share * (high - low))
-        _label(ax, (x, -y), "\n".join(lines), at, 9 * squeeze)
+        _label(ax, (x, -y), text, at, 9 * squeeze)
     ax.set_xlim(left, right + (MARGIN * (right - left) if spots else 0.0))
     ax.set_ylim(low, high)
     ax.set_aspect("equal")

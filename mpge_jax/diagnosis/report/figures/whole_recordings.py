@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.recordings.recording import Recording, longest_step
 from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.motion_figures import axis_of, measured_motion, span, worst_dofs
 from mpge_jax.diagnosis.report.sentences import unit_of_joint
+from mpge_jax.diagnosis.residual.model import with_residual
 from mpge_jax.diagnosis.simulation.actuator_state import settling
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows, cut
@@ -33,12 +34,14 @@ class Whole:
     """One recording, or its longest stretch without a gap, predicted open loop from its start.
 
     Attributes:
-        windows: a single one. before, after: errors of the model as given and of the corrected one.
+        windows: a single one. before, after: errors of the model as given and of the corrected one. modelled: of that
+        with what is left as functions, where there are any.
     """
 
     windows: Windows
     before: Errors
     after: Errors
+    modelled: Errors | None = None
 
 
 def whole_recordings(d: Result) -> list[Whole]:
@@ -51,7 +54,11 @@ def whole_recordings(d: Result) -> list[Whole]:
         if w.count:
             w = started_from_before(w, p.model, p.noise, LEAD * p.config.report_s)
             before = errors(p.sim, NOTHING, w, p.noise)
-            out.append(Whole(w, before, errors(p.sim, d.fit, w, p.noise) if d.terms else before))
+            after = errors(p.sim, d.fit, w, p.noise) if d.terms else before
+            modelled = None
+            if d.residual is not None:
+                modelled = errors(p.sim, with_residual(p.ctx, d.fit, d.residual), w, p.noise)
+            out.append(Whole(w, before, after, modelled))
     return out
 
 
@@ -62,11 +69,8 @@ def _unbroken(r: Recording) -> float:
     return float((r.time[ends] - r.time[starts]).max())
 
 
-def whole(d: Result, report: FitReport, path: Path) -> Path | None:
-    """The figure; None where no recording could be predicted."""
-    shown = whole_recordings(d)
-    if not shown:
-        return None
+def whole(d: Result, report: FitReport, shown: list[Whole], path: Path) -> Path:
+    """The figure of one or more recordings."""
     dofs = worst_dofs(report, JOINTS)
     figure = Figure(figsize=(9.6, 1.7 * len(dofs) * len(shown) + 0.6), layout="constrained")
     axes = figure.subplots(len(dofs) * len(shown), 1, squeeze=False)[:, 0]
@@ -81,8 +85,11 @@ def whole(d: Result, report: FitReport, path: Path) -> Path | None:
 
 
 def _title(source: Source, w: Windows) -> str:
-    r = source.recording
-    part = "" if w.times.max() > 0.95 * r.duration else f", its first {w.times.max():.3g} s without a gap"
+    """Its name, and which part of it is shown where rows were lost or it is too long."""
+    r, begin = source.recording, float(w.start[0])
+    end = begin + float(w.times.max())
+    whole = _unbroken(r) >= r.duration and end > 0.95 * r.duration
+    part = "" if whole else f", {r.shown_origin + begin:.3g} to {r.shown_origin + end:.3g} s"
     return f"{drawing.short(r.name, 40)}{part}"
 
 
@@ -91,11 +98,12 @@ def _curves(d: Result, one: Whole, dof: int, ax: Axes, floor: float) -> None:
     w, model = one.windows, d.prepared.model
     seen = w.seen[0]
     measured = measured_motion(model, w.qpos[0, seen], dof)
-    given, corrected = (measured - e.curves[0, seen, dof] for e in (one.before, one.after))
+    models = [e for e in (one.before, one.after, one.modelled) if e is not None]
+    predicted = [measured - e.curves[0, seen, dof] for e in models]
     t = w.sources[0].recording.shown_origin + w.start[0] + w.times[0][seen]
     joint = d.prepared.names.joints[int(model.dof_jntid[dof])]
-    for y, color, style, width, label in drawing.curves(measured, given, corrected):
+    for y, color, style, width, label in drawing.curves(measured, *predicted):
         ax.plot(t, y, color=color, ls=style, lw=width, label=label)
-    ax.set_ylim(*span(measured, (given, corrected), floor))
+    ax.set_ylim(*span(measured, tuple(predicted), floor))
     ax.set_ylabel(f"{drawing.short(joint, 18)}{axis_of(model, dof)} ({unit_of_joint(d, f'{joint}:{dof}')})")
     ax.grid(alpha=0.25)

@@ -113,7 +113,7 @@ FAILURES = {
 def test_a_tree_is_drawn_where_rendering_fails(failure, tmp_path, monkeypatch):
     script = tmp_path / "child.py"
     script.write_text(FAILURES[failure])
-    monkeypatch.setattr(robot_render, "__file__", str(script))
+    monkeypatch.setattr(robot_render.render_process, "__file__", str(script))
     monkeypatch.setattr(robot_render, "backends", lambda: ("egl",))
     monkeypatch.setattr(robot_render, "TIME_LIMIT", 2.0 if failure == "hangs" else 60.0)
     trees = []
@@ -198,6 +198,19 @@ def test_labels_never_overlap():
         edges = [(y - 0.5 * h, y + 0.5 * h) for y, h in zip(at, sizes, strict=True)]
         assert edges[0][0] >= 0.0 and edges[-1][1] <= 1.0 + 1e-9
         assert all(a[1] <= b[0] + 1e-9 for a, b in itertools.pairwise(edges))
+
+
+def test_many_labels_are_places_alone_and_few_say_what_is_there():
+    def placed(count):
+        marks = [Mark("joint", k, f"joint_{k}\ndry friction\ndamping") for k in range(count)]
+        return robot_picture._placed(marks, np.array([[0.0, float(k)] for k in range(count)]), 0.0, 9.0)
+
+    few, squeeze = placed(3)
+    assert [text for _, text, _ in few] == [f"joint_{k}\ndry friction\ndamping" for k in range(3)]
+    assert squeeze == 1.0
+    many, squeeze = placed(8)
+    assert [text for _, text, _ in many] == [f"joint_{k}" for k in range(8)] and squeeze == 1.0
+    assert [point for point, _, _ in many] == [(0.0, float(k)) for k in range(8)]
 
 
 def test_what_is_named_at_one_point_is_one_label():

@@ -4,7 +4,7 @@ import errno
 
 import pytest
 
-from experiments.command_line import exit_status
+from experiments.ending import exit_status
 
 
 @pytest.mark.parametrize(
@@ -12,6 +12,7 @@ from experiments.command_line import exit_status
     [
         (ValueError("no such task"), 2, "work: no such task\n"),
         (FileNotFoundError("nothing there"), 2, "work: nothing there\n"),
+        (FileNotFoundError(errno.ENOENT, "No such file or directory", "/proc/x"), 2, "on from here\n"),
         (OSError(errno.ENOSPC, "No space left on device"), 2, "the same command goes on from here\n"),
         (KeyboardInterrupt(), 130, "work: interrupted; the same command goes on from here\n"),
     ],
@@ -23,6 +24,9 @@ def test_every_end_has_its_status_and_one_sentence(error, status, said, capsys):
     assert exit_status("work", fails) == status
     told = capsys.readouterr().err
     assert told.startswith("work: ") and told.endswith(said) and told.count("\n") == 1
+    assert "[Errno" not in told
+    assert exit_status("work", fails, goes_on=False) == status
+    assert "goes on" not in capsys.readouterr().err
     assert exit_status("work", lambda: 1) == 1 and capsys.readouterr().err == ""
 
 
