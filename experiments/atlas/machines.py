@@ -9,12 +9,13 @@ class Reference:
     """Errors of held-out recordings that an expert's plain fit reached.
 
     Attributes:
-      of: "force": rms error over rms of the measured force, by joint; "median" of the rms errors of windows, by joint or
-        coordinate; "rms" over all windows together.
-      errors: one for each, in the order of the model; of a motion in rad or m.
+      of: "force": rms error over rms of the measured force, by actuator; "each": median of the windows' rms errors, by
+        joint, or of a free body's position and rotation; "median": the same over all joints together; "rms": over all
+        windows and joints together.
+      errors: in the order of the model; of a motion in rad or m.
     """
 
-    of: Literal["force", "median", "rms"]
+    of: Literal["force", "each", "median", "rms"]
     errors: tuple[float, ...]
 
 
@@ -40,7 +41,7 @@ class Machine:
 _DFKI = "dfki_double_pendulum/standard/"
 _SIMPLE = "torque_limited_simple_pendulum/standard/"
 _DRIVES = "6:1 drives with rotors of 6.1e-5 kg m^2; no friction given"
-_SIMPLE_KNOWN = "viscous friction 0.1 to 0.35 N m s/rad and dry friction 1.3 N m in files of parameters; backlash of 0.15 deg"
+_SIMPLE_KNOWN = "viscous friction 0.1 to 0.35 N m s/rad, dry friction 1.3 N m, backlash of 0.15 deg"
 
 MACHINES = {
     machine.key: machine
@@ -121,13 +122,13 @@ MACHINES = {
             "Cube thrown onto a board",
             "cube_toss/standard",
             "friction coefficient 0.18 (the model has 1.0), restitution 0.125; the ground 1 mm higher than it is",
-            Reference("median", (0.021, 0.17)),
+            Reference("each", (0.021, 0.17)),
         ),
         Machine(
             "go2_legs",
             "Unitree Go2, legs in the air",
             "go2_legs/standard",
-            "terms that they fit: rotor inertia, viscous and dry friction, an offset of each encoder, one delay; no values",
+            "they fit rotor inertia, viscous and dry friction, an offset of each encoder, one delay; no values",
             Reference("median", (0.011,)),
         ),
     )

@@ -35,7 +35,8 @@ def kept(docs: Path, key: str) -> Path:
 
 def keep(d: Diagnosis, machine: Machine, recordings: Path, docs: Path) -> None:
     """Writes the machine's page, its picture, and its row of the atlas (last, as it says that all is there)."""
-    command = f"python -m experiments.diagnose --model {machine.folder}/model.xml --recordings {machine.folder} --out out"
+    given = f"--model {machine.folder}/model.xml --recordings {machine.folder}"
+    command = f"python -m experiments.diagnose {given} --out out"
     files.write_text(docs / "machines" / f"{machine.key}.md", markdown(d, machine.title, command))
     row = facts(d) | source(recordings / Path(machine.folder).parts[0] / "README.txt")
     files.write_text(kept(docs, machine.key), json.dumps(row, indent=1) + "\n")
@@ -45,8 +46,13 @@ def facts(d: Diagnosis) -> dict[str, Any]:
     """What the atlas says of a diagnosis; errors of held-out recordings, before and after, in one order of joints."""
     table = diagnosis_table(d)
     held = table["fit"]["held_out"]
-    names, before, after = _of_forces(d.held) if isinstance(d.held, ForceErrors) else _of_windows(d, d.held)
     force = isinstance(d.held, ForceErrors)
+    names, before, after = _of_forces(d.held) if isinstance(d.held, ForceErrors) else _of_windows(d, d.held)
+    medians = (
+        None
+        if isinstance(d.held, ForceErrors)
+        else [_number(np.median(x.window)) for x in (d.held.before, d.held.after)]
+    )
     return {
         "verdict": table["verdict"],
         "effects": [[row["id"], row["at"]] for row in table["effects"]],
@@ -60,6 +66,7 @@ def facts(d: Diagnosis) -> dict[str, Any]:
         "window_s": table["fit"]["window_s"],
         "before": held["before"],
         "after": held["after"],
+        "median_window": medians,
         "noise": held["noise_floor"],
         "with_residual": None if table["residual"] is None else table["residual"]["held_out"]["after"],
         "each": {name: [_number(b), _number(a)] for name, b, a in zip(names, before, after, strict=True)},
@@ -115,5 +122,5 @@ def _rms_of_windows(square: Array) -> Array:
     return np.sqrt(np.nanmean(measured, axis=1))
 
 
-def _number(x: float) -> float:
+def _number(x: Any) -> float:
     return float(f"{x:.4g}")
