@@ -11,7 +11,7 @@ from typing import Annotated
 
 import tyro
 
-from experiments.atlas import record
+from experiments.atlas import page, record
 from experiments.atlas.machines import MACHINES
 from mpge_jax.diagnosis import InputError
 
@@ -80,12 +80,14 @@ def main() -> int:
     args = tyro.cli(Args, prog="python -m experiments.atlas", description=Args.__doc__)
     try:
         run(args)
+        page.write(args.docs)
     except (ValueError, FileNotFoundError, InputError) as error:
         print(f"atlas: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("atlas: interrupted; the same command goes on from here.", file=sys.stderr)
         return 130
+    print(f"written: {args.docs / 'atlas.md'}")
     return 0
 
 

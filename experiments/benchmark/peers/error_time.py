@@ -135,10 +135,10 @@ def lines(row: Row) -> list[str]:
         for who, each in row["found"].items()
     }
     out = [
-        f"{TARGET}, {SAMPLES} transitions of five policies, preset `{row['preset']}`, one transformer; the mean distance "
-        f"to the true change of actions along random actions, as in the paper. Ours is `MPGE+`, whose first stage is GAT "
-        f"on the rows that it does not keep back. GAT is here the simulator's own inversion and a regression. Seconds "
-        f"without compilation and judging; `>`: not reached within all of the preset's iterations.",
+        f"{TARGET}, {SAMPLES} transitions of five policies, preset `{row['preset']}`, one transformer. The error is "
+        "the mean distance to the true change of actions along random actions, as in the paper. Ours is `MPGE+`, whose "
+        "first stage is GAT on the rows that it does not keep back. GAT is here the simulator's own inversion and a "
+        "regression. Seconds without compilation and judging; `>`: not reached within the preset's iterations.",
         "",
         f"| | seconds to {ERROR:.2f}, by log | error there | ours to it | aimed at | |",
         "|---|--:|--:|--:|--:|---|",
