@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import copy
 import dataclasses
 import functools
 import os
@@ -78,7 +79,7 @@ class CEngine:
         fields: Sequence[str] = (),
         seen: Sequence[str] = (),
     ):
-        self.model = model
+        self.model = _without_islands(model)
         self._forces, self._fields, self._seen = tuple(forces), tuple(fields), tuple(seen)
         self._threads = threads or cores()
         self._batches: dict[int, _Batch] = {}
@@ -201,6 +202,15 @@ class _Batch:
         self.views = {name: self.native.bind(name) for name in names}
         self.views |= {name: self.native.expand(name) for name in fields}
         self.rest = self.native.state[0].copy()
+
+
+def _without_islands(model: mujoco.MjModel) -> mujoco.MjModel:
+    """`model`; a single tree without the search for parts that do not touch, which would find one."""
+    if model.ntree > 1:
+        return model
+    model = copy.copy(model)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+    return model
 
 
 @functools.cache

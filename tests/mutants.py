@@ -190,6 +190,13 @@ MUTANTS = (
         (f"{_UPDATE}::test_rows_are_the_sources_and_residuals_are_what_the_draw_did[paper]",),
     ),
     Mutant(
+        "episodes begin anew only where all end at once",
+        "mpge_jax/grounding/collect.py",
+        "some = lockstep.largest(jnp.any(ended))",
+        "some = lockstep.largest(jnp.all(ended))",
+        (_GROUNDING,),
+    ),
+    Mutant(
         "D's inputs are normalised by stale statistics",
         "mpge_jax/grounding/discriminator.py",
         "inputs = network_inputs(stats, both, config)",
@@ -199,9 +206,16 @@ MUTANTS = (
     Mutant(
         "a network's last, smaller minibatch is skipped",
         "mpge_jax/learning/value.py",
-        "last_step = jnp.cumsum(-(-rows_of // share))",
-        "last_step = jnp.cumsum(rows_of // share)",
+        "self.order.shape[0] * -(-self.rows // self.share)",
+        "self.order.shape[0] * (self.rows // self.share)",
         ("tests/learning/test_value.py::test_every_network_goes_through_all_its_own_rows_once_an_epoch",),
+    ),
+    Mutant(
+        "a row is answered as the next one of its group",
+        "mpge_jax/learning/grouped.py",
+        "rank = jnp.sum(member * jnp.cumsum(member, axis=0), axis=1) - 1",
+        "rank = jnp.sum(member * jnp.cumsum(member, axis=0), axis=1)",
+        ("tests/learning/test_grouped.py::test_every_row_has_the_answer_of_its_own_group",),
     ),
     Mutant(
         "the quadratic model of the KL without its half",

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from mpge_jax import own_envs as own_envs  # isort: split
 
@@ -34,16 +35,32 @@ def measure_grounding(backend: str, members: int, config: GroundingConfig, secon
     }
 
 
-def iteration(backend: str, members: int, config: GroundingConfig) -> Callable[[], Any]:
-    """A call of which makes one iteration of `members` transformers, begun where the last one ended."""
-    source = envs.make(SOURCE, backend)
-    rollout, _ = policies.shipped(SOURCE, "MS")
-    target = envs.make(TARGET, "c" if jax.default_backend() == "cpu" else backend)
-    log = target_log.collect(jax.random.key(0), target, rollout.rollout, SAMPLES)
+def iteration(
+    backend: str,
+    members: int,
+    config: GroundingConfig,
+    samples: int = SAMPLES,
+    count: int = 5,
+    tasks: tuple[str, str] = (SOURCE, TARGET),
+) -> Callable[[], Any]:
+    """A call of which makes one iteration of `members` transformers, begun where the last one ended.
+
+    Args:
+      backend: physics of the simulator.
+      samples: transitions in the target's log.
+      count: rollout policies; beyond the five that ship with a task they repeat.
+      tasks: source and target.
+    """
+    source = envs.make(tasks[0], backend)
+    shipped = policies.shipped(tasks[0], "MS")[0].rollout
+    chosen = jnp.arange(count) % shipped.size
+    rollout = shipped.replace(params=jax.tree.map(lambda x: x[chosen], shipped.params))
+    target = envs.make(tasks[1], "c" if jax.default_backend() == "cpu" else backend)
+    log = target_log.collect(jax.random.key(0), target, rollout, samples)
     keys = jax.random.split(jax.random.key(1), members)
-    state = jax.jit(jax.vmap(lambda key: adversarial.init(key, source, rollout.rollout, log, config)))(keys)
+    state = jax.jit(jax.vmap(lambda key: adversarial.init(key, source, rollout, log, config)))(keys)
     step = jax.jit(
-        jax.vmap(lambda s: adversarial.update(s, source, rollout.rollout, log, config)[0]), donate_argnums=0
+        jax.vmap(lambda s: adversarial.update(s, source, rollout, log, config)[0]), donate_argnums=0
     )
     return stepper(step, state)
 

@@ -15,6 +15,7 @@ from mpge_jax.grounding import transformer
 from mpge_jax.grounding.config import GroundingConfig
 from mpge_jax.grounding.discriminator import Transitions
 from mpge_jax.grounding.transformer import Transformer
+from mpge_jax.learning import grouped, lockstep
 from mpge_jax.rollouts.rollout import RolloutPolicies
 from mpge_jax.rollouts.target_log import TargetLog
 
@@ -63,15 +64,15 @@ def collect(
     """
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
 
-    def ask(obs: Float[Array, " O"], key: PRNGKeyArray, which: Int[Array, ""]) -> Float[Array, " A"]:
-        # All K policies act and one is picked: cheaper than gathering B copies of a policy's weights.
-        return jax.vmap(policies.act, (0, None, None))(policies.params, obs, key)[which]
+    def ask(params: Any, given: tuple[Float[Array, " O"], PRNGKeyArray]) -> Float[Array, " A"]:
+        return policies.act(params, *given)
 
     def body(carry: tuple[State, Int[Array, " B"]], key: PRNGKeyArray) -> tuple[Any, Rows]:
         env_state, which = carry
         key_act, key_delta, key_start = jax.random.split(key, 3)
         obs = env_state.obs
-        action = jax.vmap(ask)(obs, jax.random.split(key_act, config.num_envs), which)
+        asking = obs, jax.random.split(key_act, config.num_envs)
+        action = grouped.apply(ask, policies.params, asking, which)
         expected = jax.vmap(env.predict)(obs, action) if config.needs_expected else None
         # A branch is a copy of the whole row of simulators; the first is the one that goes on.
         before, at, asked, asker, expected = jax.tree.map(
@@ -86,8 +87,13 @@ def collect(
         ended = after.done > 0
         if config.restart_steps:
             ended = ended | (after.info["steps"] >= config.restart_steps)
-        fresh = jax.vmap(lambda k: start(k, env, log, config))(jax.random.split(key_start, config.num_envs))
-        return select(ended, fresh, (after, which)), row
+
+        def restarted() -> tuple[State, Int[Array, " B"]]:
+            starts = jax.random.split(key_start, config.num_envs)
+            return select(ended, jax.vmap(lambda k: start(k, env, log, config))(starts), (after, which))
+
+        some = lockstep.largest(jnp.any(ended))
+        return jax.lax.cond(some, restarted, lambda: (after, which)), row
 
     keys = jax.random.split(key, config.steps_per_iteration)
     begun, rows = jax.lax.scan(body, begun, keys)

@@ -6,7 +6,7 @@ and the discriminator never see k.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import flax.linen as nn
 import jax
@@ -16,6 +16,7 @@ from flax import struct
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from envs.select import select
+from mpge_jax.learning import grouped, lockstep
 from mpge_jax.learning.networks import MLP, initial, orthogonal
 from mpge_jax.learning.policy_gradient import Metrics, Params
 
@@ -77,8 +78,7 @@ def predict(
 ) -> Float[Array, " B"]:
     """Values of `inputs`, I = O + A, under the rollout policies numbered `policy`, from 0."""
     features, head = _features_and_head(inputs, policy, config)
-    every_head = jax.vmap(_network(config).apply, in_axes=(0, None))(params, features)[..., 0]
-    return jnp.take_along_axis(every_head, head[None], axis=0)[0]
+    return grouped.apply(_network(config).apply, params, features, head)[..., 0]
 
 
 def update(
@@ -105,26 +105,31 @@ def update(
     def loss(
         params: Params, rows: Int[Array, " M"], weight: Float[Array, " M"]
     ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        values = network.apply(params, features[rows])[..., 0]
-        squared = jnp.sum(weight * (values - returns[rows]) ** 2)
+        values = network.apply(params, grouped.take(features, rows))[..., 0]
+        squared = jnp.sum(weight * (values - grouped.take(returns, rows)) ** 2)
         return squared / jnp.maximum(jnp.sum(weight), 1.0), squared
 
     def step(
-        carry: ValueState, batch: tuple[Int[Array, ""], Int[Array, " M"], Float[Array, " M"]]
+        own: ValueState, rows: Int[Array, " M"], weight: Float[Array, " M"]
     ) -> tuple[ValueState, Float[Array, ""]]:
-        which, rows, weight = batch
-        own = jax.tree.map(lambda x: x[which], carry)
         gradient, squared = jax.grad(loss, has_aux=True)(own.params, rows, weight)
         change, optimiser_state = optimiser.update(gradient, own.optimiser)
-        new = ValueState(params=optax.apply_updates(own.params, change), optimiser=optimiser_state)
-        # Beyond the last minibatch of an epoch there is nothing to learn from.
-        new = select(jnp.any(weight > 0), new, own)
-        return jax.tree.map(lambda all_, one: all_.at[which].set(one), carry, new), squared
+        return ValueState(params=optax.apply_updates(own.params, change), optimiser=optimiser_state), squared
 
-    new_state, squares = jax.lax.scan(step, state, plan)
+    def turn(carry: tuple[Int[Array, ""], ValueState, Float[Array, ""]]) -> Any:
+        """The next minibatch of every network; those that have no more stay as they are."""
+        number, networks, last_epoch = carry
+        epoch, rows, weight = plan.minibatches(number)
+        new, squared = jax.vmap(step)(networks, rows, weight)
+        last_epoch += jnp.sum(jnp.where(epoch == config.epochs - 1, squared, 0.0))
+        return number + 1, select(number < plan.turns, new, networks), last_epoch
+
+    most = lockstep.largest(jnp.max(plan.turns))
+    start = (jnp.zeros_like(most), state, jnp.zeros(()))
+    _, new_state, last_epoch = jax.lax.while_loop(lambda carry: carry[0] < most, turn, start)
     unexplained = jnp.var(returns - predict(state.params, inputs, policy, config))
     metrics = {
-        "value_loss": jnp.sum(squares.reshape(config.epochs, -1)[-1]) / head.shape[0],
+        "value_loss": last_epoch / head.shape[0],
         "explained_variance": 1.0 - unexplained / jnp.maximum(jnp.var(returns), 1e-8),
     }
     return new_state, metrics
@@ -139,33 +144,46 @@ def _features_and_head(
     return jnp.concatenate([inputs, one_hot], axis=-1), jnp.zeros_like(policy)
 
 
-def _plan(
-    key: PRNGKeyArray, head: Int[Array, " B"], config: ValueConfig
-) -> tuple[Int[Array, " S"], Int[Array, "S M"], Float[Array, "S M"]]:
-    """S minibatches of all epochs, `(network, rows, weight)`, shuffled anew every epoch.
+@struct.dataclass
+class _Plan:
+    """Minibatches of H networks that share E epochs of B rows.
 
-    How many rows a network has is not known when the program is compiled. So an epoch has as many steps as any
-    division of the rows needs, and the networks take their minibatches one after the other; weight 0 marks what is
-    beyond a network's last row, and steps that are left over.
+    Attributes:
+      order: in every epoch the rows of network 0, then those of network 1, ..., each in random order.
+      first: where each network's rows begin in it.
+      rows: how many each has.
+      share: rows of a minibatch, M.
     """
-    size, networks, share = head.shape[0], config.networks, min(config.minibatch_size, head.shape[0])
-    # Most are needed where all networks but one have a single row.
-    steps = (size - networks) // share + networks if size > networks else networks
-    rows_of = jnp.sum(jax.nn.one_hot(head, networks, dtype=jnp.int32), axis=0)
-    first_row = jnp.cumsum(rows_of) - rows_of
-    last_step = jnp.cumsum(-(-rows_of // share))
-    step = jnp.arange(steps)
-    which = jnp.minimum(jnp.searchsorted(last_step, step, side="right"), networks - 1)
-    turn = step - (last_step[which] + -rows_of[which] // share)
-    place = turn[:, None] * share + jnp.arange(share)[None, :]
-    weight = (place < rows_of[which][:, None]).astype(jnp.float32)
-    position = jnp.minimum(first_row[which][:, None] + place, size - 1)
 
-    def epoch(epoch_key: PRNGKeyArray) -> Int[Array, "steps M"]:
-        # The rows of network 0, then those of network 1, ..., each in random order.
-        order = jnp.argsort(head + 0.5 * jax.random.uniform(epoch_key, (size,)))
-        return order[position]
+    order: Int[Array, "E B"]
+    first: Int[Array, " H"]
+    rows: Int[Array, " H"]
+    share: int = struct.field(pytree_node=False)
 
-    rows = jax.vmap(epoch)(jax.random.split(key, config.epochs))
-    repeat = lambda x: jnp.tile(x, (config.epochs,) + (1,) * (x.ndim - 1))  # noqa: E731
-    return repeat(which), rows.reshape(-1, share), repeat(weight)
+    @property
+    def turns(self) -> Int[Array, " H"]:
+        """Minibatches of each network, of all epochs."""
+        return self.order.shape[0] * -(-self.rows // self.share)
+
+    def minibatches(
+        self, number: Int[Array, ""]
+    ) -> tuple[Int[Array, " H"], Int[Array, "H M"], Float[Array, "H M"]]:
+        """Of every network the minibatch `number`: its epoch, rows, and their weights, 0 beyond the network's last."""
+        epochs, size = self.order.shape
+        epoch, within = jnp.divmod(number, jnp.maximum(-(-self.rows // self.share), 1))
+        place = within[:, None] * self.share + jnp.arange(self.share)[None]
+        position = jnp.minimum(self.first[:, None] + place, size - 1)
+        rows = self.order[jnp.minimum(epoch, epochs - 1)[:, None], position]
+        return epoch, rows, (place < self.rows[:, None]).astype(jnp.float32)
+
+
+def _plan(key: PRNGKeyArray, head: Int[Array, " B"], config: ValueConfig) -> _Plan:
+    rows = jnp.sum(jax.nn.one_hot(head, config.networks, dtype=jnp.int32), axis=0)
+
+    def epoch(epoch_key: PRNGKeyArray) -> Int[Array, " B"]:
+        drawn = head + 0.5 * jax.random.uniform(epoch_key, head.shape)
+        # What is not negative has the order of its bits.
+        return grouped.argsort(jax.lax.bitcast_convert_type(drawn, jnp.uint32))
+
+    order = jax.vmap(epoch)(jax.random.split(key, config.epochs))
+    return _Plan(order, jnp.cumsum(rows) - rows, rows, min(config.minibatch_size, head.shape[0]))

@@ -81,19 +81,29 @@ def test_a_policy_with_few_rows(rows_of_last):
 
 
 def test_every_network_goes_through_all_its_own_rows_once_an_epoch():
-    # 5, 1, 0 and 8 rows in minibatches of 3: 2 + 1 + 0 + 3 steps, and one that is left over.
+    # 5, 1, 0 and 8 rows in minibatches of 3: 2, 1, 0 and 3 turns an epoch.
     head = jnp.array([3, 0, 3, 1, 3, 0, 3, 0, 3, 3, 0, 3, 3, 0])
     config = ValueConfig(policies=4, epochs=3, minibatch_size=3)
-    which, rows, weight = (np.asarray(x) for x in value._plan(jax.random.key(0), head, config))
-    assert (which.shape, rows.shape, weight.shape) == ((21,), (21, 3), (21, 3))
-    for network in range(4):
-        own = np.flatnonzero(np.asarray(head) == network)
-        for epoch in range(3):
-            steps = slice(7 * epoch, 7 * (epoch + 1))
-            used = rows[steps][which[steps] == network][weight[steps][which[steps] == network] > 0]
-            assert sorted(used) == own.tolist()
-    orders = {tuple(rows[7 * epoch : 7 * epoch + 2].ravel()) for epoch in range(3)}
-    assert len(orders) == 3
+    plan = value._plan(jax.random.key(0), head, config)
+    assert plan.turns.tolist() == [6, 3, 0, 9]
+    used = {}
+    for number in range(9):
+        epochs, rows, weight = (np.asarray(x) for x in plan.minibatches(jnp.int32(number)))
+        for network in np.flatnonzero(number < np.asarray(plan.turns)):
+            used.setdefault((network, epochs[network]), []).extend(rows[network][weight[network] > 0])
+    own = {network: np.flatnonzero(np.asarray(head) == network).tolist() for network in (0, 1, 3)}
+    assert {of: sorted(rows) for of, rows in used.items()} == {
+        (network, epoch): rows for network, rows in own.items() for epoch in range(3)
+    }
+    assert len({tuple(used[0, epoch]) for epoch in range(3)}) == 3
+
+
+def test_shuffles_are_those_of_a_stable_sort():
+    head = jax.random.randint(jax.random.key(0), (2048,), 0, 3)
+    plan = value._plan(jax.random.key(1), head, SEPARATE)
+    for epoch, key in enumerate(jax.random.split(jax.random.key(1), SEPARATE.epochs)):
+        drawn = head + 0.5 * jax.random.uniform(key, head.shape)
+        np.testing.assert_array_equal(plan.order[epoch], jnp.argsort(drawn))
 
 
 def test_the_optimiser_of_an_absent_policy_rests():

@@ -67,6 +67,7 @@ def main() -> int:
         check(args)
         measure(args)
         files.write_text(args.out, page.markdown(args.kept))
+        page.draw(args.kept, args.out.parent)
     except (ValueError, FileNotFoundError) as error:
         print(f"peers: {error}", file=sys.stderr)
         return 2

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from experiments.benchmark.clock import Row
 from experiments.benchmark.grounding import REFERENCE
-from experiments.benchmark.peers import environment_steps, gail
+from experiments.benchmark.peers import environment_steps, error_time, gail, growth
 from experiments.benchmark.peers.in_turn import OURS, rates, ratio
 from experiments.benchmark.peers.rows import ROWS, SYSID, install
 
@@ -15,6 +15,8 @@ TITLES = {
     "steps": "Environment steps: {copies} HalfCheetahs whose actions a 256-256 policy draws",
     "sac": "SAC updates: 256-256, batch 256, HalfCheetah's sizes, {updates} a call",
     "grounding": "Grounding, learning included: simulator steps, HalfCheetah, the paper's networks and batch",
+    "error": "Grounding: time to an error of 0.10",
+    "growth": "Growth of an iteration of grounding",
     "fit": "Diagnosis: {parameters} parameters of a chain of {joints} joints on {windows} windows",
 }
 HEAD = """# Speed beside others
@@ -41,10 +43,11 @@ NOTES = {
     "nor where.",
 }
 
+GROWTH = "images/growth.png"
+"""The figure, beside the page."""
+
 LACKING = """## Not measured
 
-- Time to an action-transformation error of 0.10 on BrokenCheetah, beside GAT and the paper's way.
-- Growth with copies, transformers, policies, samples and joints; memory of 4,096 copies and five transformers.
 - Anything on a GPU: `make gpu-check` does it where there is an NVIDIA one, and writes `results/gpu`.
 """
 
@@ -84,8 +87,31 @@ def markdown(kept: Path) -> str:
     return "\n".join([HEAD, *(_section(name, row) for name, row in rows.items()), LACKING])
 
 
+def draw(kept: Path, docs: Path) -> None:
+    """The figure of what was measured, where it was, beside the page."""
+    if (file := kept / "growth.json").is_file():
+        growth.draw(json.loads(file.read_text("utf-8")), docs / GROWTH)
+
+
 def _section(name: str, row: Row) -> str:
-    lines = [f"## {TITLES[name].format(**row)}", "", NOTES[name], ""]
+    lines = [f"## {TITLES[name].format(**row)}", ""]
+    match name:
+        case "error":
+            lines += error_time.lines(row)
+        case "growth":
+            lines += growth.lines(row, GROWTH)
+        case _:
+            lines += _beside(name, row)
+    used = {
+        who: v for who, v in {**row["versions"], **row["peers"]}.items() if who not in ("machine", "commit")
+    }
+    load = " and ".join(f"{x:.1f}" for x in row["load_average"])
+    made = f"`{row['command']}` on {row['versions']['machine']}; load average before and after: {load}."
+    return "\n".join([*lines, "", f"{made} {', '.join(f'{who} {v}' for who, v in used.items())}.", ""])
+
+
+def _beside(name: str, row: Row) -> list[str]:
+    lines = [NOTES[name], ""]
     lines += ["| | a second | ours to it | aimed at | |", "|---|--:|--:|--:|---|"]
     seconds = row["seconds"]
     beside = {who: taken for who, taken in seconds.items() if len(taken) == len(seconds.get(OURS, ()))}
@@ -101,12 +127,7 @@ def _section(name: str, row: Row) -> str:
         lines += ["", _reference(rates(beside, row["amounts"])[OURS])]
     if "whole search" in seconds:
         lines += ["", _search(row)]
-    used = {
-        who: v for who, v in {**row["versions"], **row["peers"]}.items() if who not in ("machine", "commit")
-    }
-    load = " and ".join(f"{x:.1f}" for x in row["load_average"])
-    made = f"`{row['command']}` on {row['versions']['machine']}; load average before and after: {load}."
-    return "\n".join([*lines, "", f"{made} {', '.join(f'{who} {v}' for who, v in used.items())}.", ""])
+    return lines
 
 
 def _said(met: bool) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.benchmark.clock import Row
-from experiments.benchmark.peers import environment_steps, fit, gail, in_turn, sac_updates
+from experiments.benchmark.peers import environment_steps, error_time, fit, gail, growth, in_turn, sac_updates
 from experiments.benchmark.peers.in_turn import OURS
 from mpge_jax.learning.sac import SACConfig
 
@@ -71,7 +71,14 @@ def fits(rounds: int, joints: int = 2, runs: int = 3) -> Row:
     return _kept(seconds, dict.fromkeys(seconds, 1), loss=losses, **shape)
 
 
-ROWS: dict[str, Callable[[int], Row]] = {"steps": steps, "sac": sac, "grounding": grounding, "fit": fits}
+ROWS: dict[str, Callable[[int], Row]] = {
+    "steps": steps,
+    "sac": sac,
+    "grounding": grounding,
+    "error": error_time.measure,
+    "growth": growth.measure,
+    "fit": fits,
+}
 
 
 def _has_sysid() -> bool:

@@ -1,14 +1,17 @@
 """Ours beside peers: the arithmetic by hand, peers that are not installed, and that both fits have one objective."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from experiments.benchmark.peers import __main__ as peers
-from experiments.benchmark.peers import fit, in_turn, page, rows, sac_updates
+from experiments.benchmark.peers import error_time, fit, growth, in_turn, page, rows, sac_updates
 from experiments.benchmark.peers.in_turn import OURS
+from experiments.presets import PRESETS
+from mpge_jax.grounding.inversion import InversionConfig
 from mpge_jax.learning.sac import SACConfig
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -65,10 +68,46 @@ def test_a_missed_mark_is_told_with_its_number(tmp_path):
     assert "| SBX | 32 | 1.00 (1.00 to 1.00) | 1.3 | **missed** |" in page.markdown(tmp_path)
 
 
+def test_growth_is_the_slope_on_logarithmic_axes(tmp_path):
+    row = {"growth": {"copies B": {"10": [1.0, 1.0], "1000": [100.0, 100.0]}}, "missing": [], "peers": {}}
+    row["large"] = {"copies": 4096, "members": 5, "gib": 7.0, "seconds": 3.0}
+    assert growth.slope(row["growth"]["copies B"]) == pytest.approx(1.0)
+    assert growth.slope({"1": [3.0], "4": [6.0], "16": [12.0]}) == pytest.approx(0.5)
+    text = "\n".join(growth.lines(row, "growth.png"))
+    assert "| copies B | 10 | 1,000 | 1 | 100 | 1.00 |" in text
+    assert "7.00 GiB at its peak (aimed at: at most 6): **missed**" in text
+    assert growth.draw(row, tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_method_that_never_gets_there_is_said_so():
+    # Ours takes a fifth and a fourth of the peer's time, which at the second log does not reach 0.10 at all.
+    found = {OURS: [[2.0, 0.05], [2.0, 0.09]], error_time.GAT: [[1.0, 0.06], [1.0, 0.08]]}
+    found[error_time.PAPER] = [[10.0, 0.10], [8.0, 0.3]]
+    by = {line.split(" | ")[0]: line for line in error_time.lines({"found": found, "preset": "quick"})}
+    assert by["| mpge_jax"] == "| mpge_jax | 2 2 | 0.050 0.090 |  |  |  |"
+    assert by["| GAT (inversion)"] == "| GAT (inversion) | 1 1 | 0.060 0.080 | 2 | at most 0.5 | **missed** |"
+    assert by["| the paper's way (MPG-MS)"].endswith("| 10 > 8 | 0.100 0.300 | 0.23 | at most 0.5 | met |")
+    found[OURS][0][1] = 0.2
+    assert error_time.lines({"found": found, "preset": "quick"})[-1].endswith(
+        "| 0.23 | at most 0.5 | **missed** |"
+    )
+
+
+def test_times_to_an_error_are_measured_from_a_log(monkeypatch):
+    monkeypatch.setattr(error_time, "ERROR", 100.0)
+    tiny = replace(PRESETS["quick"], inversion=InversionConfig(iterations=1, epochs=1))
+    row = error_time.measure(1, tiny, every=1)
+    assert set(row["found"]) == {OURS, error_time.GAT, error_time.VINE, error_time.PAPER}
+    assert all(seconds > 0 and error <= 100 for ((seconds, error),) in row["found"].values())
+
+
 def test_what_cannot_be_measured_is_refused(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("sys.argv", ["peers", "--row", "gym", "--kept", str(tmp_path)])
     assert peers.main() == 2
-    assert capsys.readouterr().err == "peers: --row gym is not known (allowed: steps, sac, grounding, fit)\n"
+    assert (
+        capsys.readouterr().err
+        == "peers: --row gym is not known (allowed: steps, sac, grounding, error, growth, fit)\n"
+    )
 
 
 @pytest.mark.slow

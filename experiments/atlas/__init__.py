@@ -1,0 +1,1 @@
+"""The public machines of the recordings folder, each diagnosed, on one page."""

@@ -1,0 +1,195 @@
+"""docs/atlas.md and its picture, from the rows that are kept."""
+
+import json
+import math
+import statistics
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from experiments.atlas import record
+from experiments.atlas.machines import MACHINES, Machine
+from mpge_jax import files
+from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, MEASURED, NOMINAL, log_scale, save
+
+NEAR = 1.1
+"""Times the reference that is taken for as good."""
+PICTURE = "images/atlas.png"
+HEAD = """# Atlas of public machines
+
+Written by `python -m experiments.atlas` from [results/atlas](results/atlas). Every machine is real hardware whose
+recordings are public, diagnosed as they come, with no setting of its own. Errors are root mean squares over held-out
+recordings that no fit and no choice has seen: of the force that a motion needs, or of the motion that is predicted
+over windows. The sizes of the effects, their intervals and what is left over stand on the machine's page (the link).
+*Reference*: what an expert's plain fit reached on the same recordings; met within 1.1 times.
+"""
+Row = dict[str, Any]
+
+
+def rows(docs: Path) -> dict[str, Row]:
+    """What is kept of each machine, in the order of the list.
+
+    Raises:
+      FileNotFoundError: nothing was diagnosed yet.
+    """
+    found = {key: record.kept(docs, key) for key in MACHINES}
+    read = {key: json.loads(file.read_text("utf-8")) for key, file in found.items() if file.is_file()}
+    if not read:
+        raise FileNotFoundError(f"no machine was diagnosed yet in {docs / 'results' / 'atlas'}")
+    return read
+
+
+def write(docs: Path) -> None:
+    """The page and its picture."""
+    kept = rows(docs)
+    files.write_text(docs / "atlas.md", markdown(kept))
+    draw(kept, docs / PICTURE)
+
+
+def markdown(kept: Mapping[str, Row]) -> str:
+    """The page."""
+    lines = [HEAD, f"![Errors after, of the models as given: {len(kept)} machines]({PICTURE})", ""]
+    lines += ["| machine | its makers know | verdict | named | error before | after | | reference | time |"]
+    lines += ["|---|---|---|---|--:|--:|--:|---|--:|"]
+    for key, row in kept.items():
+        cells = [f"[{MACHINES[key].title}](machines/{key}.md)", MACHINES[key].known, f"`{row['verdict']}`"]
+        cells += [_named(row), f"{row['before']:.3g} {row['unit']}", f"{row['after']:.3g} {row['unit']}"]
+        cells += [
+            f"{row['before'] / row['after']:.3g} times less" if row["after"] < row["before"] else "no less"
+        ]
+        cells += [_beside(MACHINES[key], row), f"{row['seconds']} s"]
+        lines.append(f"| {' | '.join(cells)} |")
+    verdicts = Counter(row["verdict"] for row in kept.values())
+    told = ", ".join(f"{count} `{verdict}`" for verdict, count in verdicts.most_common())
+    lines += ["", f"Verdicts: {told}. {_met(kept)}"]
+    if missing := [MACHINES[key].title for key in MACHINES if key not in kept]:
+        lines += ["", f"Not diagnosed yet: {', '.join(missing)}."]
+    lines += ["", "## Where the recordings come from", "", "| machine | source | licence |", "|---|---|---|"]
+    lines += [f"| {MACHINES[key].title} | {row['source']} | {row['licence']} |" for key, row in kept.items()]
+    lines += ["", _made(kept), ""]
+    return "\n".join(lines)
+
+
+def _named(row: Row) -> str:
+    """Effects by kind, with the number of places; what cannot be told apart; what is left."""
+    kinds = Counter(kind for kind, _ in row["effects"])
+    at = dict(row["effects"])
+    said = [
+        f"{kind.replace('_', ' ')} ({at[kind] if count == 1 else f'{count} places'})"
+        for kind, count in kinds.items()
+    ]
+    for candidates in row["ambiguous"]:
+        rivals = [" with ".join(f"{kind.replace('_', ' ')} ({at})" for kind, at in one) for one in candidates]
+        said.append(" or ".join(rivals))
+    if row["left_at"]:
+        said.append(f"something unknown ({', '.join(row['left_at'])})")
+    return "; ".join(said) or "nothing"
+
+
+def reached(machine: Machine, row: Row) -> list[float]:
+    """Errors after, in the measure and order of the machine's reference."""
+    reference = machine.reference
+    assert reference is not None
+    match reference.of:
+        case "rms":
+            found = [row["after"]]
+        case "median":
+            found = [row["median_window"][1]]
+        case _:
+            found = [after for _, after in row["each"].values()]
+    if len(found) != len(reference.errors):
+        raise ValueError(f"{machine.key}: {len(found)} errors, but a reference of {len(reference.errors)}")
+    return found
+
+
+def _beside(machine: Machine, row: Row) -> str:
+    if machine.reference is None:
+        return "none"
+    ours, theirs = reached(machine, row), machine.reference.errors
+    unit = {
+        "force": "of the force",
+        "each": "in the usual window",
+        "median": f"{row['unit']} in the usual window",
+        "rms": row["unit"],
+    }
+    near = sum(a <= NEAR * b for a, b in zip(ours, theirs, strict=True))
+    listed = [" ".join(f"{x:.2g}" for x in each) for each in (theirs, ours)]
+    met = "met" if near == len(ours) else ("**missed**" if near == 0 else f"met at {near} of {len(ours)}")
+    return f"{listed[0]} {unit[machine.reference.of]}; here {listed[1]}: {met}"
+
+
+def _met(kept: Mapping[str, Row]) -> str:
+    with_one = [key for key in kept if MACHINES[key].reference is not None]
+    met = [
+        key
+        for key in with_one
+        if all(a <= NEAR * b for a, b in zip(reached(MACHINES[key], kept[key]), _errors(key), strict=True))
+    ]
+    return f"The reference is met on {len(met)} of the {len(with_one)} that have one."
+
+
+def _errors(key: str) -> tuple[float, ...]:
+    reference = MACHINES[key].reference
+    return () if reference is None else reference.errors
+
+
+def _made(kept: Mapping[str, Row]) -> str:
+    commits = sorted({row["versions"]["commit"] for row in kept.values()})
+    machines = sorted({row["versions"]["machine"] for row in kept.values()})
+    loads = [row["load_average"] for row in kept.values()]
+    jobs = sorted({row["jobs"] for row in kept.values()})
+    return (
+        f"Commit {', '.join(commits)}, on {', '.join(machines)}, {' or '.join(map(str, jobs))} threads, beside other "
+        f"work (load average {min(loads):g} to {max(loads):g}): times are too long."
+    )
+
+
+def draw(kept: Mapping[str, Row], path: Path) -> Path:
+    """A line for each machine: what is left of the error of the model as given, beside the reference and the noise."""
+    figure = Figure(figsize=(8.6, 0.36 * len(kept) + 1.3), layout="constrained")
+    ax = figure.subplots()
+    for y, (key, row) in enumerate(kept.items()):
+        left = row["after"] / row["before"]
+        ax.plot([left, 1.0], [y, y], color="#bbbbbb", lw=2, zorder=1)
+        styles: list[tuple[float | None, str, str]] = [
+            (1.0, NOMINAL, "o"),
+            (left, CORRECTED, "o"),
+            (_reference_over(MACHINES[key], row, left), MEASURED, "|"),
+        ]
+        for x, color, marker in styles:
+            if x is not None:
+                ax.plot(
+                    [x],
+                    [y],
+                    color=color,
+                    marker=marker,
+                    ms=13 if marker == "|" else 7,
+                    mew=2,
+                    ls="",
+                    zorder=2,
+                )
+    for name, color, marker in (
+        ("model as given", NOMINAL, "o"),
+        ("corrected", CORRECTED, "o"),
+        ("reference", MEASURED, "|"),
+    ):
+        ax.plot([], [], color=color, marker=marker, ls="", mew=2, label=name)
+    log_scale(ax)
+    ax.set_yticks(range(len(kept)), [MACHINES[key].title for key in kept])
+    ax.invert_yaxis()
+    ax.set_xlabel("error of held-out recordings, over that of the model as given")
+    ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=3, frameon=False)
+    ax.grid(alpha=0.25, axis="x")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return save(figure, path)
+
+
+def _reference_over(machine: Machine, row: Row, left: float) -> float | None:
+    """Where the reference lies beside ours: by its usual ratio to ours (geometric mean over joints)."""
+    if machine.reference is None:
+        return None
+    pairs = zip(machine.reference.errors, reached(machine, row), strict=True)
+    return left * math.exp(statistics.fmean(math.log(theirs / ours) for theirs, ours in pairs))
