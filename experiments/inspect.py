@@ -44,7 +44,8 @@ def main(argv: list[str] | None = None) -> int:
         for _, o in found[:TOLD]:
             print(summary(o, names), end="\n\n")
         for _, o in found[TOLD:]:
-            print(f"{o.log.name}: {o.problem or 'as those above'}{''.join(f'; {d}' for d in o.doubts)}")
+            said = (o.problem or "as those above").removeprefix(f"{o.log.name}: ")
+            print(f"{o.log.name}: {said}{''.join(f'; {d}' for d in o.doubts)}")
         written = _write(args.out, [o for _, o in found[:TOLD]], map_text(found[0][1], model, names))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -53,7 +54,10 @@ def main(argv: list[str] | None = None) -> int:
         print(f"error: cannot write to --out {args.out}: {error.strerror or error}.", file=sys.stderr)
         return 2
     print("written: " + ", ".join(map(str, written)))
-    given = [] if args.map is None else ["--map", str(args.map)]
+    unread = any(o.recording is None for _, o in found)
+    # a map to start from lies there
+    columns_map = args.out / "map.yaml" if unread and args.map is None else args.map
+    given = [] if columns_map is None else ["--map", str(columns_map)]
     given += ["--reader-file", *map(str, args.reader_file)] if args.reader_file else []
     command = [
         "python",
@@ -65,8 +69,9 @@ def main(argv: list[str] | None = None) -> int:
         *args.log,
         *given,
     ]
-    print("to diagnose: " + shlex.join([*map(str, command), "--out", "out"]))
-    return int(any(o.recording is None for _, o in found))
+    when = ", once a map says what is missing" if unread else ""
+    print(f"to diagnose{when}: " + shlex.join([*map(str, command), "--out", "out"]))
+    return int(unread)
 
 
 def _write(folder: Path, shown: list[Overview], text: str) -> list[Path]:

@@ -86,12 +86,16 @@ def _policies(arm: Simulated, out: Path) -> str:
 
 
 def _whole(folder: Path, title: str) -> str:
-    picture = folder / "figures" / "whole.png"
-    if not picture.exists():
+    figures = folder / "figures"
+    if not (figures / "whole.png").exists():
         return ""
-    return f"<h2>{title}</h2><p class='quiet'>Whole recordings that nothing was fitted to.</p>" + image(
-        picture, "whole held-out recordings, predicted before and after"
-    )
+    parts = [
+        f"<h2>{title}</h2><p class='quiet'>Whole recordings that nothing was fitted to.</p>",
+        image(figures / "whole.png", "whole held-out recordings, predicted before and after"),
+    ]
+    if (figures / "strip.png").exists():
+        parts.append(image(figures / "strip.png", "the machine at moments of one of them"))
+    return "".join(parts)
 
 
 def _machine(log: dict[str, Any], out: Path, machine: Path) -> str:

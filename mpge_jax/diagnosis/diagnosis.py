@@ -16,7 +16,8 @@ class Diagnosis(Result):
     def __repr__(self) -> str:
         fits = [self.fit] if self.actuators is None else [self.fit, *self.actuators.fits]
         named = [str(term) for f in fits for term in f.hypothesis.terms]
-        return f"Diagnosis({self.verdict!r}, effects={named}, {len(self.warnings)} warnings, {self.seconds:.0f} s)"
+        said = f"warnings={len(self.warnings)}, seconds={self.seconds:.0f}"
+        return f"Diagnosis({self.verdict!r}, effects={named}, {said})"
 
     def __str__(self) -> str:
         """The verdict in sentences, and the warnings."""

@@ -76,6 +76,10 @@ def diagnose(
     return Diagnosis(**{**vars(result), "seconds": say.seconds, "model": given})
 
 
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | None = None) -> Result:
     """What the model lacks, and what recording did to what was recorded: either is estimated given the other.
 
@@ -103,8 +107,9 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
     if progress is not None:
         checkpoint.attach(s, p, progress)
     say(
-        f"{len({x.recording.log for x in p.sources})} recordings; {len(s.terms)} effects at their places are tried: "
-        f"fitted to {s.train.count} pieces of {s.train.times.max():.2g} s, judged on {s.held.count} others"
+        f"{_counted(len({x.recording.log for x in p.sources}), 'recording')}; "
+        f"{_counted(len(s.terms), 'candidate')} (an effect at a place) to try: fitted to "
+        f"{_counted(s.train.count, 'piece')} of {s.train.times.max():.2g} s, judged on {s.held.count} more"
     )
     found = decide(p, s, say)
     for moved in (

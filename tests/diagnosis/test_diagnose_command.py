@@ -304,7 +304,7 @@ def test_a_diagnosis_is_printed_as_its_verdict_and_warnings():
     d.warnings.append("look out.")
     assert d.verdict == "none"
     assert str(d).startswith("none: Nothing is missing") and str(d).endswith("\nwarning: look out.")
-    assert repr(d).startswith(f"Diagnosis('none', effects=[], {len(d.warnings)} warnings, ")
+    assert repr(d).startswith(f"Diagnosis('none', effects=[], warnings={len(d.warnings)}, seconds=")
 
 
 def test_settings_that_are_no_config_are_refused_in_one_sentence(folder):

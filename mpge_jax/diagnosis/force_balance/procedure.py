@@ -55,7 +55,7 @@ def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
     terms = [t for t in all_terms(p.ctx, p.config.effects) if can_ask(t)]
     resolution = choose(p, [t for t in terms if t.id in PLAIN])
     b = Balance.recorded(p, p.looked_at, ROWS, resolution)
-    say(f"{len(b.measured)} rows of measured force; {len(terms)} effects at their places are tried")
+    say(f"{len(b.measured)} rows of measured force; {len(terms)} candidates (an effect at a place) to try")
     bank = Bank.of(b, terms)
     chosen: Chosen = ()
     most = MOST if p.config.max_effects is None else p.config.max_effects

@@ -33,7 +33,8 @@ def _clock(c: Clock) -> str:
             if c.step is None
             else f"  {name}: {c.rows} rows, all at one time"
         )
-    even = f"steps of {_ms(c.least)} to {_ms(c.most)} ms"
+    least, most = _ms(c.least), _ms(c.most)
+    even = f"steps of {least} ms" if least == most else f"steps of {least} to {most} ms"
     if c.words == "frame_index / fps":
         even = "even by definition"
     gaps = f", {c.gaps} gaps" if c.gaps else ", no gaps"

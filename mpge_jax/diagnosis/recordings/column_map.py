@@ -235,9 +235,7 @@ def _size(target: str, unit: str, model: mujoco.MjModel, names: Names) -> float:
     known = {name: size for kind in kinds for name, size in UNITS[kind].items()}
     if unit not in known:
         what = " or ".join(kinds)
-        raise InputError(
-            f"map: the unit '{unit}' of '{target}' is none of {what} (known: {', '.join(known)})."
-        )
+        raise InputError(f"map: '{unit}' of '{target}' is no unit of {what} (known: {', '.join(known)}).")
     return known[unit]
 
 

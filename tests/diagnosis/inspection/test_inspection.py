@@ -88,10 +88,7 @@ def test_a_map_of_nothing_is_a_map_of_comments(tmp_path):
 def test_clocks_are_told(tmp_path):
     (o,) = overviews(LOGS["ros2"](tmp_path), *_model())
     text = summary(o, _model()[1])
-    assert (
-        "/joint_states: 60 rows in 0.59 s, 100 a second by header stamps, steps of 10 to 10 ms, no gaps"
-        in text
-    )
+    assert "/joint_states: 60 rows in 0.59 s, 100 a second by header stamps, steps of 10 ms, no gaps" in text
     assert "/arm/commands: 60 rows" in text and "by receive stamps" in text
     assert (
         "/arm/commands comes apart" in text
@@ -186,7 +183,16 @@ def test_what_the_command_cannot_read_is_one_sentence(tmp_path, capsys):
     run = _npz(tmp_path / "run.npz")
     assert main([str(run), "--model", str(tmp_path / "arm.xml"), "--out", str(tmp_path / "file")]) == 2
     np.savez(run, x=np.zeros(9))
+    capsys.readouterr()
     assert main([str(run), "--model", str(tmp_path / "arm.xml"), "--out", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr().out
+    assert "to diagnose, once a map says what is missing: " in said
+    assert f"--map {tmp_path / 'out' / 'map.yaml'} --out out" in said
+    for k in range(5):
+        np.savez(tmp_path / f"run_{k}.npz", time=np.arange(9.0), qpos=np.zeros((9, 7)))
+    logs = sorted(map(str, tmp_path.glob("run_*.npz")))
+    assert main([*logs, "--model", str(tmp_path / "arm.xml"), "--out", str(tmp_path / "out")]) == 1
+    assert "\nrun_4: 'qpos' has 7 columns" in capsys.readouterr().out
 
 
 def test_many_episodes_are_told_in_short(tmp_path, capsys):

@@ -413,7 +413,7 @@ def test_titles_in_a_map_may_be_numbers_and_bad_entries_are_told(tmp_path, arm):
     path.write_text("time,1,ctrl:shoulder_motor,ctrl:elbow_servo\n0,1,3,4\n1,5,7,8\n")
     r = read_recording(path, *arm, {"qpos:elbow": {"from": 1}})
     np.testing.assert_array_equal(r.qpos[:, 1], [1, 5])
-    with pytest.raises(InputError, match=r"the unit '\['deg'\]' of 'qpos:elbow' is none of angle"):
+    with pytest.raises(InputError, match=r"'\['deg'\]' of 'qpos:elbow' is no unit of angle"):
         read_recording(path, *arm, {"qpos:elbow": {"from": 1, "unit": ["deg"]}})
     with pytest.raises(InputError, match="not in the file"):
         read_recording(path, *arm, {"qpos:elbow": {"from": ["1"]}})
@@ -509,15 +509,15 @@ def test_a_bad_number_is_told_by_its_line_in_the_file(tmp_path, arm):
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
-        ({"time": {"from": "t", "unit": "deg"}}, r"the unit 'deg' of 'time' is none of time \(known: s, ms"),
-        ({"qpos:elbow": {"from": "q", "unit": "mm"}}, r"the unit 'mm' of 'qpos:elbow' is none of angle"),
+        ({"time": {"from": "t", "unit": "deg"}}, r"'deg' of 'time' is no unit of time \(known: s, ms"),
+        ({"qpos:elbow": {"from": "q", "unit": "mm"}}, r"'mm' of 'qpos:elbow' is no unit of angle"),
         (
             {"qvel:elbow": {"from": "q", "unit": "deg"}},
-            r"is none of angular velocity \(known: rad/s, deg/s, rpm\)",
+            r"is no unit of angular velocity \(known: rad/s, deg/s, rpm\)",
         ),
         (
             {"ctrl:elbow_servo": {"from": "q", "unit": "ms"}},
-            "the unit 'ms' of 'ctrl:elbow_servo' is none of angle",
+            "'ms' of 'ctrl:elbow_servo' is no unit of angle",
         ),
         ({"qpos:elbow": {"from": "q", "scal": 2}}, "unknown entry 'scal'; did you mean 'scale'"),
         ({"qpos:elbwo": "q"}, r"names nothing in the model; did you mean 'qpos:elbow'.*qpos:shoulder"),

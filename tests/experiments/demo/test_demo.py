@@ -75,6 +75,7 @@ def test_the_page_stands_by_itself_and_says_whether_it_was_found(found, tmp_path
         (tmp_path / folder / "figures").mkdir(parents=True)
         for name in ("robot", "whole"):
             (tmp_path / folder / "figures" / f"{name}.png").write_bytes(b"\x89PNG")
+    (tmp_path / "arm" / "figures" / "strip.png").write_bytes(b"\x89PNG")
     (tmp_path / "machine" / "diagnosis.json").write_text(json.dumps(_table("ambiguous", [_effect(hidden)])))
     returns = {name: {"target": [40.0, 50.0], "curve": [None, 1.0]} for name in ("as given", "corrected")}
     text = page(
@@ -86,7 +87,7 @@ def test_the_page_stands_by_itself_and_says_whether_it_was_found(found, tmp_path
     assert ("The diagnosis found it: 0.85" in text) is found
     assert ("did not name it; its verdict is none" in text) is not found
     assert "45.0 ± 5.0" in text and "11.6 times less" in text and "in 1.5 minutes" in text
-    assert "<b>." not in text and text.count("data:image/png") == 5
+    assert "<b>." not in text and text.count("data:image/png") == 6
     assert not re.search(r"(?:src|href)=['\"]https?:", text)
 
 
