@@ -74,7 +74,7 @@ def markdown(kept: Mapping[str, Row]) -> str:
 
 
 def _named(row: Row) -> str:
-    """Effects by kind, with the number of places; what cannot be told apart; what is left."""
+    """Effects by kind, with the number of places; in what candidates differ that cannot be told apart; what is left."""
     kinds = Counter(kind for kind, _ in row["effects"])
     at = dict(row["effects"])
     said = [
@@ -82,8 +82,9 @@ def _named(row: Row) -> str:
         for kind, count in kinds.items()
     ]
     for candidates in row["ambiguous"]:
-        rivals = [" with ".join(f"{kind.replace('_', ' ')} ({at})" for kind, at in one) for one in candidates]
-        said.append(" or ".join(rivals))
+        apart = [[e for e in one if not all(e in other for other in candidates)] for one in candidates]
+        rivals = [" with ".join(f"{kind.replace('_', ' ')} ({at})" for kind, at in one) for one in apart]
+        said.append(" or ".join(rival or "nothing more" for rival in rivals))
     if row["left_at"]:
         said.append(f"something unknown ({', '.join(row['left_at'])})")
     return "; ".join(said) or "nothing"

@@ -15,7 +15,12 @@ ROOT = Path(__file__).resolve().parents[3]
 ROW = {
     "verdict": "unexplained",
     "effects": [["coulomb_friction", "slide"], ["actuator_bias", "rig"]],
-    "ambiguous": [[[["armature", "slide"]], [["payload_mass", "slider"], ["joint_stiffness", "slide"]]]],
+    "ambiguous": [
+        [
+            [["coulomb_friction", "slide"], ["armature", "slide"]],
+            [["coulomb_friction", "slide"], ["payload_mass", "slider"], ["joint_stiffness", "slide"]],
+        ]
+    ],
     "left_at": ["slide"],
     "measure": "force",
     "unit": "N",
