@@ -63,13 +63,12 @@ def _map(ctx: Context, function: Function, points: Points, row: SubFigure) -> No
     x, y = (np.linspace(a.low, a.high, GRID) for a in (first, second))
     here = [np.clip(v, a.low, a.high) for v, a in zip(points.inputs, function.axes, strict=True)]
     said = effect.value(np, function.theta, here)
+    shade = effect.value(np, function.theta, list(np.meshgrid(x, y)))
     # by what was seen: in corners where nothing was, a function of splines may be anything
-    most = max(float(np.quantile(np.abs([*said, *points.force]), 0.98)), 1e-12)
+    seen = np.array([*said, *points.force]) if points.force.size else shade
+    most = max(float(np.quantile(np.abs(seen), 0.98)), 1e-12)
     colour = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
-    grid = list(np.meshgrid(x, y))
-    drawn = left.pcolormesh(
-        x, y, effect.value(np, function.theta, grid), shading="nearest", rasterized=True, **colour
-    )
+    drawn = left.pcolormesh(x, y, shade, shading="nearest", rasterized=True, **colour)
     left.scatter(
         *points.inputs, c=points.force, s=16, edgecolors=MEASURED, linewidths=0.5, label=POINTS, **colour
     )
@@ -83,7 +82,7 @@ def _map(ctx: Context, function: Function, points: Points, row: SubFigure) -> No
     right.plot(said, points.force, "o", ms=3, color=MEASURED, alpha=0.55, mew=0)
     right.set_xlabel("as the function says")
     right.set_ylabel(POINTS)
-    right.set_ylim(*span(said, (points.force,), 0.0))
+    right.set_ylim(*span(np.append(said, 0.0), (points.force,), 0.0))
     right.grid(alpha=0.25)
 
 

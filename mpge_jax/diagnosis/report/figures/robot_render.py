@@ -25,6 +25,8 @@ FRAME = (640, 520)
 """Width and height of one frame of a motion."""
 TIME_LIMIT = 45.0
 """Seconds that one attempt may take."""
+_hung: set[str | None] = set()
+"""Backends that took longer once, and are not waited for again."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def _drawn(spec: mujoco.MjSpec, size: tuple[int, int], scene: dict[str, Array]) 
         except Exception:  # whatever a description holds that cannot be shown, the diagnosis goes on
             return None
         np.savez(folder / SCENE, **scene)  # type: ignore[arg-type]
-        for backend in backends():
+        for backend in (b for b in backends() if b not in _hung):
             found = _attempt(folder, backend)
             if found is not None:
                 return found
@@ -100,7 +102,10 @@ def _attempt(folder: Path, backend: str | None) -> dict[str, Array] | None:
         with np.load(folder / RESULT, allow_pickle=False) as data:
             found = {key: data[key] for key in data.files}
             flat = np.ptp(found["pixels"]) == 0
-    except (OSError, subprocess.TimeoutExpired, ValueError, KeyError):
+    except subprocess.TimeoutExpired:
+        _hung.add(backend)
+        return None
+    except (OSError, ValueError, KeyError):
         return None
     # some drivers report success and draw nothing
     return None if flat else found

@@ -116,12 +116,18 @@ def test_a_tree_is_drawn_where_rendering_fails(failure, tmp_path, monkeypatch):
     monkeypatch.setattr(robot_render.render_process, "__file__", str(script))
     monkeypatch.setattr(robot_render, "backends", lambda: ("egl",))
     monkeypatch.setattr(robot_render, "TIME_LIMIT", 2.0 if failure == "hangs" else 60.0)
+    monkeypatch.setattr(robot_render, "_hung", set())
     trees = []
     tree = robot_picture._tree
     monkeypatch.setattr(robot_picture, "_tree", lambda *a: trees.append(1) or tree(*a))
     spec = mujoco.MjSpec.from_string(ARM)
     marks = [Mark("joint", 1, "elbow\ncoulomb friction"), Mark("world", 0, "mass scale")]
     path = robot_picture.robot(spec, compile_variable(spec), np.zeros((1, 2)), marks, tmp_path / "robot.png")
+    # nobody waits twice for a driver that hangs
+    assert robot_render._hung == ({"egl"} if failure == "hangs" else set())
+    if failure == "hangs":
+        monkeypatch.setattr(robot_render.subprocess, "run", lambda *_, **__: pytest.fail("tried again"))
+        assert robot_render.render(spec, np.zeros(2), NOTHING, NOTHING, [], []) is None
     assert trees and _is_red((255 * matplotlib.image.imread(path)[..., :3]).astype("u1")).any()
 
 

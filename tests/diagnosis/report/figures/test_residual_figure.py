@@ -77,6 +77,17 @@ def test_a_function_of_two_inputs_is_a_map_beside_what_it_says_of_the_points(dra
     assert left.get_ylabel() == "position (rad)"
 
 
+def test_functions_are_drawn_where_no_held_out_piece_shows_anything(drawn, monkeypatch):
+    nothing = np.zeros(0)
+    monkeypatch.setattr(
+        residual_figure,
+        "missing_in_motion",
+        lambda _p, _f, function: Points(nothing, (nothing,) * len(function.axes)),
+    )
+    axes = drawn(law(SPEED), law(SPEED, ANGLE)).axes
+    assert len(axes) == 4 and all(np.isfinite(ax.get_ylim()).all() for ax in axes)
+
+
 def test_inputs_are_told_with_the_letters_of_the_formula():
     plain, lettered = law(SPEED, ANGLE), law(SPEED, ANGLE, said="about 0.5 v N m, for -4 < v < 4 rad/s")
     assert of_inputs(plain) == "of the speed of the joint and the position of the joint"
