@@ -84,7 +84,8 @@ def markdown(kept: Path) -> str:
     rows = {name: json.loads(file.read_text("utf-8")) for name, file in files.items() if file.is_file()}
     if not rows:
         raise FileNotFoundError(f"nothing was measured yet in {kept}")
-    return "\n".join([HEAD, *(_section(name, row) for name, row in rows.items()), LACKING])
+    lacking = [f"- {TITLES[name]}: `--row {name}` measures it.\n" for name in ROWS if name not in rows]
+    return "\n".join([HEAD, *(_section(name, row) for name, row in rows.items()), LACKING + "".join(lacking)])
 
 
 def draw(kept: Path, docs: Path) -> None:

@@ -101,6 +101,13 @@ def test_times_to_an_error_are_measured_from_a_log(monkeypatch):
     assert all(seconds > 0 and error <= 100 for ((seconds, error),) in row["found"].values())
 
 
+def test_rows_without_a_measurement_are_said_to_lack(tmp_path):
+    (tmp_path / "growth.json").write_text((ROOT / "docs/results/speed/growth.json").read_text("utf-8"))
+    text = page.markdown(tmp_path).split("## Not measured")[1]
+    assert "- Grounding: time to an error of 0.10: `--row error` measures it.\n" in text
+    assert "`--row growth`" not in text
+
+
 def test_what_cannot_be_measured_is_refused(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("sys.argv", ["peers", "--row", "gym", "--kept", str(tmp_path)])
     assert peers.main() == 2
