@@ -75,6 +75,16 @@ def brax_on_new_jax(monkeypatch):
 
 
 @pytest.fixture
+def own_registry(monkeypatch):
+    """Tasks and variants that a test registers are gone after it."""
+    # not above: `tests.shape_checks` comes before whatever it checks
+    from envs import registry
+
+    for name in ("_tasks", "_variants", "_homes"):
+        monkeypatch.setattr(registry, name, dict(getattr(registry, name)))
+
+
+@pytest.fixture
 def unchecked(monkeypatch):
     """Without the checks of shapes, as the library is used: where its own answer to a wrong shape is tested."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)

@@ -109,7 +109,7 @@ def test_a_fleet_is_diagnosed_and_compared_with_last_week(desk):
     assert json.loads(Path("OUT/fleet.json").read_text())["changes"]["compared"]["robots"] == 2
 
 
-def test_a_task_is_written_for_a_robot(desk, capsys):
+def test_a_task_is_written_for_a_robot(desk, capsys, own_registry):
     (arguments,) = told("new")
     assert desk("new", arguments) == 0 and Path("my_robot.py").is_file()
     assert "python -m experiments.sweep --task my_robot.py:" in capsys.readouterr().out

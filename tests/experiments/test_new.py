@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import envs
-from envs import registry
 from envs.tasks import gymnasium_spec
 from experiments import new
 from mpge_jax.learning import agent
@@ -34,10 +33,7 @@ ARM = """<mujoco><worldbody><body><joint name="a" axis="0 1 0"/><geom size=".1" 
 <actuator><motor joint="a" ctrlrange="-2 2"/><motor joint="b" ctrlrange="-1 1"/></actuator></mujoco>"""
 
 
-@pytest.fixture(autouse=True)
-def own_registry(monkeypatch):
-    for name in ("_tasks", "_variants", "_homes"):
-        monkeypatch.setattr(registry, name, dict(getattr(registry, name)))
+pytestmark = pytest.mark.usefixtures("own_registry")
 
 
 def written(tmp_path, xml, stem="my_robot") -> envs.Env:
