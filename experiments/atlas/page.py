@@ -17,6 +17,8 @@ from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, MEASURED, NOMIN
 
 NEAR = 1.1
 """Times the reference that is taken for as good."""
+LESS = 1.05
+"""Times by which an error falls of which that is said."""
 PICTURE = "images/atlas.png"
 HEAD = """# Atlas of public machines
 
@@ -58,7 +60,9 @@ def markdown(kept: Mapping[str, Row]) -> str:
         cells = [f"[{MACHINES[key].title}](machines/{key}.md)", MACHINES[key].known, f"`{row['verdict']}`"]
         cells += [_named(row), f"{row['before']:.3g} {row['unit']}", f"{row['after']:.3g} {row['unit']}"]
         cells += [
-            f"{row['before'] / row['after']:.3g} times less" if row["after"] < row["before"] else "no less"
+            f"{row['before'] / row['after']:.3g} times less"
+            if row["after"] * LESS < row["before"]
+            else "no less"
         ]
         cells += [_beside(MACHINES[key], row), f"{row['seconds']} s"]
         lines.append(f"| {' | '.join(cells)} |")

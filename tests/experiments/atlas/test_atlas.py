@@ -79,6 +79,11 @@ def test_an_error_that_rises_is_not_said_to_fall(tmp_path):
     assert "met on 1 of the 1" in text
 
 
+def test_a_fall_that_rounds_to_nothing_is_not_said(tmp_path):
+    same = {**ROW, "after": 4900.0}
+    assert "| 4.9e+03 N | no less |" in page.markdown(page.rows(docs_with(tmp_path, brfd=same)))
+
+
 def test_references_are_compared_in_their_own_measure():
     motion = {**ROW, "unit": "rad", "after": 0.03, "median_window": [0.2, 0.01], "each": {"j": [0.2, 0.02]}}
     assert page.reached(MACHINES["servo_pendulum"], motion) == [0.03]
