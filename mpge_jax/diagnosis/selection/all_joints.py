@@ -16,6 +16,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
+from mpge_jax.diagnosis.estimation.whitening import usual_excess
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.selection.competition import at_noise, loud
 from mpge_jax.diagnosis.selection.criteria import NAMED, needed, strength
@@ -27,7 +28,7 @@ AFTER = 3
 """Effects that the forward search has found, or degrees of freedom that still lack something, at which the other
 direction is tried."""
 HALF = 0.5
-"""Share of the loss that may remain with something in every joint."""
+"""Share of the squared error that may remain with something in every joint."""
 ITERATIONS = 5
 
 
@@ -55,7 +56,8 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
         + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in scored)
     )
     # each by itself may be weak; what nobody knows leaks into all joints, and little of it goes away by that
-    better = chosen.losses.mean() < HALF * before.losses.mean()
+    now, then = (usual_excess(float(r.losses.mean())) for r in (chosen, before))
+    better = now < HALF * then
     fits_in = len(chosen.fit.hypothesis.terms) <= s.max_terms
     return chosen.fit if better and fits_in and needed(chosen, before) else current
 
