@@ -3,7 +3,6 @@
 import json
 import os
 import random
-import shutil
 import subprocess
 import sys
 import time
@@ -85,11 +84,13 @@ def kill_often(
     """Kills runs into one folder at random moments of what a whole run takes, and has them go on."""
     status, duration = once(folder / "whole")
     assert status == 0
-    out, rng, killed = folder / "killed", random.Random(), 0
+    rng, killed, done = random.Random(), 0, 0
     deadline = time.monotonic() + 60.0 + 5.0 * kills * duration
     while killed < kills:
         assert time.monotonic() < deadline
         delay = rng.uniform(0.02, 1.0) * duration
+        # a folder of its own after each that was done: workers that outlive a kill may still write there
+        out = folder / f"killed_{done}"
         status, taken = once(out, delay)
         print(f"kill {killed} after {delay:.2f} of {duration:.2f} s: status {status}, {taken:.2f} s")
         if status == -9:
@@ -98,7 +99,8 @@ def kill_often(
         # It was done before: its results count, and the next ones start anew.
         assert status == 0
         same(folder / "whole", out)
-        shutil.rmtree(out)
+        done += 1
+    out = folder / f"killed_{done}"
     assert once(out)[0] == 0
     same(folder / "whole", out)
 
