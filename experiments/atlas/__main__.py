@@ -13,7 +13,7 @@ import tyro
 
 from experiments.atlas import page, record
 from experiments.atlas.machines import MACHINES
-from mpge_jax.diagnosis import InputError
+from experiments.ending import exit_status
 
 RECORDINGS = "MPGE_RECORDINGS"
 
@@ -77,16 +77,13 @@ def run(args: Args) -> None:
 
 def main() -> int:
     """The command; returns its exit status."""
+    return exit_status("atlas", _atlas)
+
+
+def _atlas() -> int:
     args = tyro.cli(Args, prog="python -m experiments.atlas", description=Args.__doc__)
-    try:
-        run(args)
-        page.write(args.docs)
-    except (ValueError, FileNotFoundError, InputError) as error:
-        print(f"atlas: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("atlas: interrupted; the same command goes on from here.", file=sys.stderr)
-        return 130
+    run(args)
+    page.write(args.docs)
     print(f"written: {args.docs / 'atlas.md'}")
     return 0
 

@@ -15,6 +15,7 @@ import tyro
 
 from experiments.benchmark.peers import page
 from experiments.benchmark.peers.rows import ROWS, install
+from experiments.ending import exit_status
 from experiments.storage import versions
 from mpge_jax import files
 
@@ -62,15 +63,15 @@ def measure(args: Args) -> None:
 
 def main() -> int:
     """The command; returns its exit status."""
+    return exit_status("peers", _peers)
+
+
+def _peers() -> int:
     args = tyro.cli(Args, prog=f"python -m {_TOOL}", description=Args.__doc__)
-    try:
-        check(args)
-        measure(args)
-        files.write_text(args.out, page.markdown(args.kept))
-        page.draw(args.kept, args.out.parent)
-    except (ValueError, FileNotFoundError) as error:
-        print(f"peers: {error}", file=sys.stderr)
-        return 2
+    check(args)
+    measure(args)
+    files.write_text(args.out, page.markdown(args.kept))
+    page.draw(args.kept, args.out.parent)
     print(f"written: {args.out}")
     return 0
 
