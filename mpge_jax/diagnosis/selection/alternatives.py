@@ -38,6 +38,8 @@ SPECIAL_CASES = {
 }
 """Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
 PLAIN_LAWS = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
+COMMON = 1
+"""Directions that an added mass, the commonest change of all, may have more and still stay in the running."""
 RICHER = 2
 """Elaborate laws in place of one plain one that are fitted to all windows."""
 
@@ -210,8 +212,7 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
         return Rival(other, rival.fit, margin, error, why)
     if not told_apart:
         return Rival(other, rival.fit, margin, error, "the data do not determine its parameters")
-    # an added mass is the commonest change of all: it stays in the running with one direction more
-    extra = 1 if other.name == "payload_mass" else 0
+    extra = COMMON if other.name == "payload_mass" else 0
     if rival.directions > best.directions + extra:
         return Rival(other, rival.fit, margin, error, "it needs more free parameters for the same fit")
     return Rival(other, rival.fit, margin, error, "the data cannot tell the two apart", tied=True)

@@ -41,8 +41,7 @@ def compete(s: Search, base: Fitted, terms: list[Term], keep: int = KEEP) -> tup
     sample = s.sample(base, white)
     screened = s.screened(base, sample, terms)
     before = evaluate(s.sim, [base], *sample)[0].loss
-    hope = HOPELESS / max(s.sim.model.njnt, 1)
-    if base.hypothesis.terms and (not screened or screened[0].loss > before - hope * min(before, 3.0)):
+    if base.hypothesis.terms and hopeless(s, screened, before):
         return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
     many = s.brief(base.hypothesis)
     keep = KEEP_OF_MANY if many else keep
@@ -63,8 +62,19 @@ def compete(s: Search, base: Fitted, terms: list[Term], keep: int = KEEP) -> tup
     return ranked, scored[-1]
 
 
+def hopeless(s: Search, screened: list[Fitted], before: float) -> bool:
+    """Whether no quick fit takes away enough of the loss `before` to be looked at further."""
+    hope = HOPELESS / max(s.sim.model.njnt, 1)
+    return not screened or screened[0].loss > before - hope * min(before, 3.0)
+
+
 def at_noise(s: Search, base: Fitted, white: Whitener) -> bool:
     """Whether training (under `white`) and held-out windows show nothing but noise, and none stands out."""
+    return only_noise(s, base, white) or at_floor(s, base)
+
+
+def only_noise(s: Search, base: Fitted, white: Whitener) -> bool:
+    """Whether losses alone say so, without a simulation of what `base` would leave if it were true."""
     outlying = 0
     for w in (s.train, s.held):
         white = white if w is s.train else s.whiten_one(base, w)
@@ -72,13 +82,13 @@ def at_noise(s: Search, base: Fitted, white: Whitener) -> bool:
         x, limit = white.excess(flat), SETTLED if base.hypothesis.terms else QUIET
         # in a large machine, what one joint lacks drowns in the mean over all
         if not base.hypothesis.terms and loud(white, flat, s.sim.model.nv).any():
-            return _at_floor(s, base)
+            return False
         outlying += int(stand_out(robust_loss(x)).sum())
         # a tempered whitener, or an overestimated noise, says nothing
         little = np.median(x) < 0.5 and not white.inexact
         if white.factor != 1.0 or little or robust_loss(x).mean() > limit:
-            return _at_floor(s, base)
-    return outlying < SEVERAL or _at_floor(s, base)
+            return False
+    return outlying < SEVERAL
 
 
 def loud(white: Whitener, flat: Array, nv: int) -> Array:
@@ -86,7 +96,7 @@ def loud(white: Whitener, flat: Array, nv: int) -> Array:
     return robust_loss(white.by_dof(flat, nv)).mean(0) > LOUD
 
 
-def _at_floor(s: Search, base: Fitted) -> bool:
+def at_floor(s: Search, base: Fitted) -> bool:
     """Whether `base` leaves no more than it would if it were true. Of the model as given that is asked with
     contacts alone, and where chance leaves much: there a wrong effect finds something to explain."""
     nominal = not base.hypothesis.terms

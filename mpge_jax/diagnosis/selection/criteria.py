@@ -22,6 +22,11 @@ NAMED = 4.0
 STEPS = 0.75
 """Timesteps that a delay or time constant lasts at least, unless it halves the loss: a semi-implicit step acts half a
 step early, which another integrator or a finer timestep behind the recordings does not."""
+BESIDE = 0.6
+"""Share of the standard errors that windows which nothing was fitted to need beside effects that are known: what is
+still missing dominates them."""
+RELEVANT = 0.05
+"""Share of a joint's loss, or of the noise, that an effect must take away there."""
 
 
 def choose(s: Search, ranked: list[Scored], without: Hypothesis = Hypothesis()) -> Scored:  # noqa: B008
@@ -37,7 +42,7 @@ def accept(s: Search, new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> b
     return (
         needed(new, old, doubt)
         and named(s, new.fit, old.fit.hypothesis)
-        and (first or share(s, new.fit, old.fit) > SMALL)
+        and (first or moves(s, new.fit, old.fit))
         and (lasts(s, new.fit, old.fit.hypothesis) or bool(2.0 * new.held.mean() < old.held.mean()))
     )
 
@@ -61,18 +66,17 @@ def needed(new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
     """
     gain, total = old.held - new.held, old.losses - new.losses
     each = old.by_joint - new.by_joint
-    # the first effect must not be an accident; beside one, held-out windows are dominated by what is still missing
     first = not old.fit.hypothesis.terms
-    beyond = deviations(gain) > (doubt if first else 0.6 * doubt) and deviations(total) > doubt
+    beyond = deviations(gain) > (doubt if first else BESIDE * doubt) and deviations(total) > doubt
     if misses(old, new):
         return True
-    relevant = (each.mean(0) > 0.05 * np.minimum(1.0, old.by_joint.mean(0))).any()
+    relevant = (each.mean(0) > RELEVANT * np.minimum(1.0, old.by_joint.mean(0))).any()
     evidence = each[old.train.size :].sum() > EVIDENCE
     return bool(relevant and ((beyond and evidence) or strong(gain, total)))
 
 
-def share(s: Search, new: Fitted, old: Fitted) -> float:
-    """How far `new` moves the predictions of `old`, over the nominal model's error, at the joint where most."""
+def moves(s: Search, new: Fitted, old: Fitted) -> bool:
+    """Whether `new` moves the predictions of `old` by more than a detail, at the joint where most."""
     nv = s.sim.model.nv
     fits = (NOTHING, old, new)
     res = s.sim.residuals([Run(f.hypothesis, f.theta) for f in fits], s.held)[..., :nv]
@@ -80,7 +84,7 @@ def share(s: Search, new: Fitted, old: Fitted) -> float:
     nominal, before, after = np.where(seen, np.clip(res, -1e3, 1e3), 0.0)
     change = np.sqrt(((after - before) ** 2).sum((0, 1)))
     error = np.sqrt((nominal**2).sum((0, 1)))
-    return float(np.max(change / np.maximum(error, 1e-300), initial=0.0, where=error > 0))
+    return bool((change > SMALL * error)[error > 0].any())
 
 
 def named(s: Search, f: Fitted, without: Hypothesis = Hypothesis()) -> bool:  # noqa: B008

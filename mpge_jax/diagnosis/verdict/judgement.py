@@ -97,11 +97,15 @@ def numerics_seen(p: Prepared, f: Fitted, w: Windows) -> tuple[dict[str, float],
     return amounts, warnings
 
 
-def _allowed(p: Prepared, held: FitReport) -> float:
-    """The error (rms) that noise and `numerics`, clearly there or not, leave of the model as given."""
+def too_far(p: Prepared, held: FitReport) -> bool:
+    """Whether the error of the model as given is `FAR` beyond all that noise and `numerics`, clearly there or not, leave
+    of it."""
+    if held.before.rms <= FAR * held.floor:
+        return False
+    # what else is allowed is simulated only where it matters
     kinds = (STEP, LATE, INTEGRATOR)
     each = [numerical_floor(p.sim, NOTHING, held.windows, p.noise, {kind: 1.0}) for kind in kinds]
-    return held.beside(np.sum(each, axis=0)).floor
+    return held.before.rms > FAR * held.beside(np.sum(each, axis=0)).floor
 
 
 def judge(
@@ -136,9 +140,8 @@ def judge(
         for r in (train, held)
     )
     left, share = found.left, 0.0
-    if not corrected and left is None and held.before.rms > FAR * held.floor:
-        # what else is allowed is simulated only where it matters
-        left = leaves(s, found.fit) if held.before.rms > FAR * _allowed(p, held) else None
+    if not corrected and left is None and too_far(p, held):
+        left = leaves(s, found.fit)
     if left is not None:
         share = held.left(p.sim.rugged(left.fit.hypothesis)) ** 2 if corrected else 1.0
     unexplained, residual = None, None

@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, STEP, numerics, 
 from mpge_jax.diagnosis.selection.alternatives import find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.competition import LOUD, QUIET, at_noise
-from mpge_jax.diagnosis.selection.criteria import SMALL, share
+from mpge_jax.diagnosis.selection.criteria import moves
 from mpge_jax.diagnosis.selection.forward_selection import search
 from mpge_jax.diagnosis.selection.search_state import MANY, WORK
 from mpge_jax.diagnosis.selection.setup import build_search
@@ -68,7 +68,8 @@ def test_a_further_effect_must_move_the_prediction(gained):
     base = _with(gained, {"actuator_gain": 0.7})
     tiny = _with(gained, {"actuator_gain": 0.7, "viscous_damping": 1e-5})
     real = _with(gained, {"actuator_gain": 0.7, "viscous_damping": 0.05})
-    assert share(gained, tiny, base) < SMALL < share(gained, real, base)
+    assert not moves(gained, tiny, base)
+    assert moves(gained, real, base)
 
 
 def test_work_counts_steps_by_what_they_cost(gained):
