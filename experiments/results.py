@@ -157,6 +157,7 @@ def budgets(identity: dict[str, Any]) -> str:
 def seconds_table(sweep: Sweep) -> list[str]:
     """Wall time of every cell, all seeds together."""
     spent: dict[tuple[str, int], list[float]] = {}
+    resumed = {(row["method"], row["samples"]) for row in sweep.rows if row.get("resumed")}
     for row in sorted(sweep.rows, key=_place):
         times = spent.setdefault((row["method"], row["samples"]), [0.0, 0.0])
         times[0] += row.get("seconds", float("nan")) / 60
@@ -164,6 +165,7 @@ def seconds_table(sweep: Sweep) -> list[str]:
     parts = [
         f"{method}{f' at {samples:,}' if samples else ''} {whole:.1f}"
         + (f" (grounding {grounding:.1f})" if grounding > 0 else "")
+        + (" since it was interrupted" if (method, samples) in resumed else "")
         for (method, samples), (whole, grounding) in spent.items()
     ]
     return [f"Wall time in minutes, all seeds of a cell together: {'; '.join(parts)}."]

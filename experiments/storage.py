@@ -136,12 +136,20 @@ class SweepFolder:
         policies.save(folder / "agents.npz", agents, {"rows": rows})
         files.write_text(self.result(method, samples), json.dumps(rows, indent=1))
         (folder / "error.json").unlink(missing_ok=True)
-        for checkpoints in (folder / "grounding", folder / "agent", *folder.glob("seed_*")):
+        for checkpoints in self._checkpoints(folder):
             shutil.rmtree(checkpoints, ignore_errors=True)
 
     def save_error(self, method: str, samples: int, message: str) -> None:
         """Records why a cell failed."""
         files.write_text(self.cell(method, samples) / "error.json", json.dumps({"error": message}, indent=1))
+
+    def begun(self, method: str, samples: int) -> bool:
+        """Whether a run of a cell was interrupted that a new one goes on from."""
+        return any(path.exists() for path in self._checkpoints(self.cell(method, samples)))
+
+    @staticmethod
+    def _checkpoints(cell: Path) -> list[Path]:
+        return [cell / "grounding", cell / "agent", *cell.glob("seed_*")]
 
     def rows_of(self, method: str, samples: int) -> list[dict[str, Any]]:
         """The results of a finished cell, one row a seed."""

@@ -277,10 +277,12 @@ def run_cell(given: CellJob) -> None:
     """Runs a cell and keeps what it gave; the work of a job."""
     started = time.monotonic()
     cell, folder = given.cell, SweepFolder(given.folder, given.identity)
+    # what an interrupted run had taken is not known
+    resumed = {"resumed": True} if folder.begun(*_key(cell)) else {}
     outcome = methods.run(cell, folder.cell(*_key(cell)), given.quiet)
     spent = {"seconds": time.monotonic() - started, "grounding_seconds": outcome.grounding_seconds}
     share = {name: round(value / len(outcome.rows), 1) for name, value in spent.items()}
-    rows = [{**row, **share} for row in outcome.rows]
+    rows = [{**row, **share, **resumed} for row in outcome.rows]
     folder.save_cell(*_key(cell), rows, outcome.curve, outcome.transformers, outcome.agents)
 
 

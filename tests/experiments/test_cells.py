@@ -51,3 +51,10 @@ def test_seconds_of_a_cell_are_shared_by_its_seeds(monkeypatch, tmp_path):
     assert sweep.main() == 0
     rows = json.loads((tmp_path / "results.json").read_text())["rows"]
     assert [(row["seconds"], row["grounding_seconds"]) for row in rows] == [(10.0, 4.0)] * 3
+    assert not any("resumed" in row for row in rows)
+    result = tmp_path / "cells" / "direct-0" / "result.json"
+    result.unlink()
+    (result.parent / "grounding").mkdir()
+    assert sweep.main() == 0
+    rows = json.loads((tmp_path / "results.json").read_text())["rows"]
+    assert all(row["resumed"] for row in rows)

@@ -83,6 +83,14 @@ def test_a_sweep_is_reported_with_its_command_and_numbers(folder: Path, tmp_path
     assert f"{grounding.iterations:,} grounding iterations of {grounding.batch_size:,} transitions" in text
 
 
+def test_times_of_cells_that_were_interrupted_are_told_as_such(folder: Path, tmp_path: Path) -> None:
+    path = SweepFolder(folder, IDENTITY).result("SPG", 1000)
+    path.write_text(json.dumps([{**row, "resumed": True} for row in json.loads(path.read_text())]))
+    SweepFolder(folder, IDENTITY).write_tables("")
+    text = results.page(results.Args((folder,), tmp_path / "docs" / "results.md"))
+    assert "direct 1.0; SPG at 1,000 1.0 (grounding 0.4) since it was interrupted." in text
+
+
 def test_pictures_are_copied_beside_the_page(folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "docs" / "results.md"
     text = results.page(results.Args((folder,), page))
