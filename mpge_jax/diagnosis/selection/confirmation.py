@@ -43,6 +43,12 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
             return f, report, gone
 
 
+def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
+    """Whether recordings that only choose are predicted better, over windows of the reported length, by more than the
+    uncertainty of that."""
+    return _sureness(*(fit_report(p, f, "choice").after for f in (old, new))) > BEYOND
+
+
 def _sureness(without: Errors, after: Errors) -> float:
     """Standard errors by which squared errors of windows fall with what the former lack."""
     gain = without.window**2 - after.window**2

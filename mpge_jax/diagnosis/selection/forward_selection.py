@@ -59,19 +59,17 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
 
 
 def _chosen(s: Search, ranked: list[Scored], base: Scored) -> tuple[Scored, bool]:
-    """The candidate of a round, and whether it is accepted."""
+    """The candidate of a round, and whether it is accepted. One that is beyond doubt does not wait for a better one
+    that is not: where windows scatter widely, what moves most of them may still be doubtful."""
     without = base.fit.hypothesis
-    chosen = choose(s, ranked, without)
+    accepted = [r for r in ranked if accept(s, r, base)]
+    chosen = choose(s, accepted or ranked, without)
     s.log.append(
         f"round {len(without.terms) + 1}: base {base.losses.mean():.3f}; "
         + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:6])
-        + f" -> {chosen.fit.hypothesis}"
+        + f" -> {chosen.fit.hypothesis}{'' if accepted else ' (not accepted)'}"
     )
-    if accept(s, chosen, base):
-        return chosen, True
-    # where windows scatter widely, the simplest of those that tie may be one that explains nothing
-    chosen = next((r for r in ranked if named(s, r.fit, without)), chosen)
-    return chosen, accept(s, chosen, base)
+    return chosen, bool(accepted)
 
 
 def _only_together(s: Search, chosen: Scored, base: Scored) -> tuple[Scored, list[Scored]] | None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, left_out
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
@@ -15,9 +17,9 @@ from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined, with_timestep_error
-from mpge_jax.diagnosis.selection.confirmation import confirmed
+from mpge_jax.diagnosis.selection.confirmation import confirmed, predicts_better
 from mpge_jax.diagnosis.selection.forward_selection import search
-from mpge_jax.diagnosis.selection.remainder import Remainder, remainder
+from mpge_jax.diagnosis.selection.remainder import Remainder, leaves, remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 
@@ -40,14 +42,16 @@ class Decision:
 
 
 def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
-    """Search, once more in longer windows if that finds nothing, keep what recordings that chose nothing of the fit are
-    predicted better with, and refine that on all that may be looked at."""
+    """Search, go on in longer windows where that finds nothing or leaves something, keep what recordings that chose
+    nothing of the fit are predicted better with, and refine that on all that may be looked at."""
     c = p.config
     f, rivals = _settle(s, *search(s))
     noise, left = _left(p, s, f)
-    if not f.hypothesis.terms and left is None:
-        f, rivals = _look_again(p, s, say)
-        noise, left = _left(p, s, f) if f.hypothesis.terms else (noise, left)
+    if left is not None or not f.hypothesis.terms:
+        longer, more = _on_longer_windows(p, s, f, say)
+        if longer is not f:
+            f, rivals = longer, more
+            noise, left = _left(p, s, f)
     f, _, gone = confirmed(p, s, f, "choice")
     if gone:
         p.warnings.append(left_out(gone))
@@ -77,15 +81,38 @@ def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, Remainder | None]:
     return noise, remainder(s, f, noise)
 
 
-def _look_again(p: Prepared, s: Search, say: Callable[[str], None]) -> tuple[Fitted, dict[Term, list[Rival]]]:
-    """Search longer windows, where slight effects add up, after nothing was found in those of `s`."""
-    longer = build_search(p, say, p.config.report_s)
-    if longer.train.steps <= s.train.steps or min(longer.train.count, longer.held.count) < WORTH_ANOTHER_LOOK:
-        return NOTHING, {}
-    say("looking for slight effects in longer windows")
-    found = _settle(longer, *search(longer))
-    s.log += longer.log
-    return found
+def _on_longer_windows(
+    p: Prepared, s: Search, f: Fitted, say: Callable[[str], None]
+) -> tuple[Fitted, dict[Term, list[Rival]]]:
+    """`f`, or what a search finds that goes on from there in windows longer than those of `s`, where what is slight
+    adds up and what a window's start leaves open counts less; with its rivals then.
+
+    Windows become twice as long as often as that finds more, what is left shows in them more clearly (a motion that
+    cannot be predicted for so long shows less), and recordings that only choose are predicted better with it.
+    """
+    rivals: dict[Term, list[Rival]] = {}
+    length, steps, usual, stride = p.config.report_s, s.train.steps, _usual(s, f), s.sim.stride
+    while True:
+        longer = build_search(p, say, length)
+        few = min(longer.train.count, longer.held.count) < WORTH_ANOTHER_LOOK
+        if few or longer.train.steps <= steps or (f.hypothesis.terms and _usual(longer, f) <= usual):
+            break
+        say(f"looking on in windows of {longer.train.times.max():.2g} s")
+        longer.resume = Reached(f)
+        more, its = _settle(longer, *search(longer))
+        s.log += longer.log
+        if more.hypothesis == f.hypothesis or not more.hypothesis.terms:
+            break
+        if f.hypothesis.terms and not predicts_better(p, more, f):
+            break
+        f, rivals, length, steps, usual = more, its, 2.0 * length, longer.train.steps, _usual(longer, more)
+    s.sim.stride = stride
+    return f, rivals
+
+
+def _usual(s: Search, f: Fitted) -> float:
+    """The loss of the usual window of a search, noise included."""
+    return float(np.median(leaves(s, f).left.losses))
 
 
 def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term, list[Rival]]]:

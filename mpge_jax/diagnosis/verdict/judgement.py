@@ -98,14 +98,19 @@ def numerics_seen(p: Prepared, f: Fitted, w: Windows) -> tuple[dict[str, float],
 
 
 def too_far(p: Prepared, held: FitReport) -> bool:
-    """Whether the error of the model as given is `FAR` beyond all that noise and `numerics`, clearly there or not, leave
-    of it."""
+    """Whether the error of the model as given is `FAR` beyond all that noise and `numerics`, clearly there or not,
+    leave of it."""
     if held.before.rms <= FAR * held.floor:
         return False
     # what else is allowed is simulated only where it matters
     kinds = (STEP, LATE, INTEGRATOR)
     each = [numerical_floor(p.sim, NOTHING, held.windows, p.noise, {kind: 1.0}) for kind in kinds]
     return held.before.rms > FAR * held.beside(np.sum(each, axis=0)).floor
+
+
+def matters(share: float) -> bool:
+    """Whether that share of the squared error is more than a detail."""
+    return share > SLIGHT
 
 
 def judge(
@@ -145,7 +150,7 @@ def judge(
     if left is not None:
         share = held.left(p.sim.rugged(left.fit.hypothesis)) ** 2 if corrected else 1.0
     unexplained, residual = None, None
-    if left is not None and share > SLIGHT:
+    if left is not None and matters(share):
         unexplained = describe(p, left, share)
         s.say("modelling what is left")
         residual = residual_of_motion(p, s, found.fit, unexplained["at"], held)

@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, screen
 from mpge_jax.diagnosis.evidence.scored import Scored
-from mpge_jax.diagnosis.selection import criteria, search_state
+from mpge_jax.diagnosis.selection import criteria, forward_selection, search_state
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined
 from mpge_jax.diagnosis.selection.criteria import accept, choose, needed
@@ -23,6 +23,7 @@ from tests.diagnosis.machines import PENDULUM, record
 from tests.diagnosis.searches import (
     ARMATURE,
     COULOMB,
+    DAMPING,
     GAIN,
     HINGE,
     MISTAKEN_FOR_FRICTION,
@@ -102,6 +103,26 @@ def test_a_wrong_term_is_exchanged(rubbing):
     rivals = find_rivals(s, s.score([f], whites)[0], whites, [])
     better = better_rival(rivals)
     assert better is not None and better.term == COULOMB
+
+
+def test_who_is_beyond_doubt_does_not_wait_for_a_better_one_who_is_not(null, monkeypatch):
+    s, _ = null
+    monkeypatch.setattr(criteria, "named", lambda *_: True)
+    dry, viscous, nothing = (
+        Scored(f, np.full(9, loss), np.full(9, loss), 1, 1)
+        for f, loss in (
+            (fitted(s, {COULOMB: [0.1]}), 1.0),
+            (fitted(s, {DAMPING: [0.1]}), 2.0),
+            (NOTHING, 3.0),
+        )
+    )
+    for sure, chosen, accepted in (
+        ((dry, viscous), dry, True),
+        ((viscous,), viscous, True),
+        ((), dry, False),
+    ):
+        monkeypatch.setattr(forward_selection, "accept", lambda _s, r, _base, sure=sure: r in sure)
+        assert forward_selection._chosen(s, [dry, viscous], nothing) == (chosen, accepted)
 
 
 def test_half_a_timestep_is_no_delay(null, monkeypatch):

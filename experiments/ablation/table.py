@@ -1,0 +1,55 @@
+"""docs/ablation.md: every rule with its numbers, and what the answers are without it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from experiments.ablation.compared import NEEDED_BY, Case, Effect, effect, ended
+from experiments.ablation.gates import GATES
+from experiments.ablation.one import ALL
+
+LITTLE = 0.01
+"""Share of the cases whose answers a rule must change to be one that decides anything."""
+HEAD = """# Which rules decide anything
+
+Written by `python -m experiments.ablation table`. Each rule of the diagnosis that decides which effects are reported of
+a driven machine was switched off by itself. A rule that changed no answer of the function where it acts cannot have
+changed the diagnosis, so cases were diagnosed again only where it did. An answer is changed if its verdict, a name or a
+place is another one; it is better or worse with the rule by its mark, then by how few certain wrong names it has. The
+cases of a rule that is known to be needed (as many better ones would be chance with a probability below {by:g}) were
+not all run.
+
+    {command}
+
+{count} cases, all of seeds for building and tuning. Rules are ordered by what they do.
+
+| rule | what it is for | numbers | acted in | run without it | changed | better with it | worse with it | |
+|---|---|---|--:|--:|--:|--:|--:|---|
+"""
+
+
+def verdict(cases: int, e: Effect) -> str:
+    """What is to be said of a rule after so many cases, in a few words."""
+    if e.needed:
+        return "needed"
+    if e.run < e.cases:
+        return "not all run"
+    if e.changed < LITTLE * cases:
+        return "fewer than 1 % change"
+    return "no better without it" if e.better > e.worse else "no worse without it"
+
+
+def page(out: Path, cases: list[Case], command: str) -> str:
+    """The page, from what was run so far."""
+    known = [c for c in cases if ended(out, ALL, c)]
+    rows = []
+    for g in GATES:
+        e = effect(out, g.name, known)
+        word = verdict(len(known), e)
+        numbers = ", ".join(f"`{n}`" for n in g.numbers)
+        figures = f"{e.cases} | {e.run} | {e.changed} | {e.better} | {e.worse}"
+        rows.append(
+            (e.worse - e.better, -e.changed, f"| {g.name} | {g.meaning} | {numbers} | {figures} | {word} |")
+        )
+    head = HEAD.format(by=NEEDED_BY, command=command, count=len(known))
+    return head + "\n".join(row for _, _, row in sorted(rows)) + "\n"

@@ -1,0 +1,89 @@
+"""Where nothing was found or something is left, a search goes on in longer windows as long as that helps."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from mpge_jax.diagnosis import Config
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.selection import procedure
+from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING
+
+
+def _fit(*terms) -> Fitted:
+    h = Hypothesis.of(*terms)
+    return Fitted(h, NOTHING.theta, NOTHING.centre)
+
+
+ONE, TWO, THREE = _fit(COULOMB), _fit(COULOMB, DAMPING), _fit(COULOMB, DAMPING, ARMATURE)
+
+
+class Bench:
+    """A search whose longer windows find what it is told that they find, by their length in seconds."""
+
+    def __init__(self, monkeypatch, found, usual=None, better=True, longest=100.0):
+        self.sim, self.searched, self.whole = SimpleNamespace(stride=1), [], longest
+        self.found, self.usual = found, usual or (lambda length: length)
+        monkeypatch.setattr(procedure, "build_search", self.build)
+        monkeypatch.setattr(procedure, "search", lambda s: (s, None))
+        monkeypatch.setattr(procedure, "_settle", self.settle)
+        monkeypatch.setattr(procedure, "_usual", lambda s, f: self.usual(s.length))
+        monkeypatch.setattr(procedure, "predicts_better", lambda p, new, old: better)
+
+    def build(self, p, say, length):
+        self.sim.stride = length
+        length = min(length, self.whole)
+        count = round(40 / length)
+        train = SimpleNamespace(steps=1000 * length, count=count, times=SimpleNamespace(max=lambda: length))
+        held = SimpleNamespace(count=count)
+        return SimpleNamespace(train=train, held=held, length=length, sim=self.sim, log=[str(length)])
+
+    def settle(self, s, f, last):
+        self.searched.append((s.length, s.resume.fit))
+        return self.found[s.length], {"rivals": s.length}
+
+    def run(self, f):
+        p = SimpleNamespace(config=Config())
+        s = self.build(p, None, 0.25)
+        self.sim.stride = 1
+        return procedure._on_longer_windows(p, s, f, lambda text: None)
+
+
+@pytest.mark.parametrize(
+    ("found", "options", "begins", "ends", "lengths"),
+    [
+        pytest.param({0.5: TWO, 1.0: TWO}, {}, ONE, TWO, [0.5, 1.0], id="until nothing is found"),
+        pytest.param(
+            {0.5: TWO, 1.0: THREE, 2.0: THREE}, {}, ONE, THREE, [0.5, 1.0, 2.0], id="as often as that finds more"
+        ),
+        pytest.param({0.5: TWO}, {"better": False}, ONE, ONE, [0.5], id="no gain for others"),
+        pytest.param({}, {"usual": lambda length: -length}, ONE, ONE, [], id="unpredictable"),
+        pytest.param({0.5: TWO}, {"longest": 0.5}, ONE, TWO, [0.5], id="short recordings"),
+        pytest.param({0.5: ONE, 1.0: ONE}, {"usual": lambda length: -length}, NOTHING, ONE, [0.5], id="nothing so far"),
+        pytest.param({0.5: NOTHING}, {}, NOTHING, NOTHING, [0.5], id="nothing there either"),
+    ],
+)  # fmt: skip
+def test_windows_become_longer_as_long_as_that_helps(monkeypatch, found, options, begins, ends, lengths):
+    bench = Bench(monkeypatch, found, **options)
+    f, rivals = bench.run(begins)
+    assert f is ends
+    assert [length for length, _ in bench.searched] == lengths
+    kept = [length for length in lengths if found[length] is ends]
+    assert rivals == ({} if f is begins else {"rivals": kept[0]})
+    assert bench.sim.stride == 1
+
+
+def test_each_search_goes_on_from_what_the_last_one_found(monkeypatch):
+    bench = Bench(monkeypatch, {0.5: TWO, 1.0: THREE, 2.0: THREE})
+    bench.run(ONE)
+    assert [f for _, f in bench.searched] == [ONE, TWO, THREE]
+
+
+def test_a_few_windows_decide_nothing(monkeypatch):
+    bench = Bench(monkeypatch, {0.5: TWO, 1.0: THREE})
+    monkeypatch.setattr(procedure, "WORTH_ANOTHER_LOOK", 41)
+    assert bench.run(ONE)[0] is TWO
+    assert [length for length, _ in bench.searched] == [0.5]
