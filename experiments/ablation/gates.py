@@ -80,7 +80,7 @@ def _all_kept(_own: Own, fits: list[Any], _before: float) -> list[Any]:
 
 
 def _confirmed_without(part: str) -> Own:
-    def off(own: Own, p: Any, s: Any, f: Any, asked: str) -> Any:
+    def off(own: Own, p: Any, s: Any, f: Any, asked: Any) -> Any:
         if asked != part:
             return own(p, s, f, asked)
         from mpge_jax.diagnosis.evidence.held_out_error import fit_report
