@@ -6,6 +6,7 @@ or the same with another number.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -144,6 +145,17 @@ def _doubt_none(own: Own, new: Any, old: Any, *_doubt: Any, **_options: Any) -> 
     return own(new, old, -INF)
 
 
+def _one_ratio(own: Own, new: Any, old: Any, doubt: float = 3.0) -> bool:
+    """Whether held-out windows gain by a likelihood ratio of 20 to 1, for each of a hundred candidates where one of
+    them was chosen (`doubt` of 3), less where gains scatter more than such a ratio's do."""
+    home = own.__globals__
+    held = old.held - new.held
+    ratio = 0.5 * float((old.by_joint - new.by_joint)[old.train.size :].sum())
+    # a gain of twice the ratio has a variance of four times as much where windows scatter by noise alone
+    by_scatter = 2.0 * max(home["deviations"](held), 0.0) ** 2
+    return min(ratio, by_scatter) > math.log(20.0) + (math.log(100.0) if doubt >= 3.0 else 0.0)
+
+
 CRITERIA, COMPETITION = "selection.criteria", "selection.competition"
 FORWARD, ALTERNATIVES = "selection.forward_selection", "selection.alternatives"
 NULL, PAIRED, SCORED = "evidence.null_distribution", "evidence.paired_gains", "evidence.scored"
@@ -179,6 +191,13 @@ GATES = (
         ("EVIDENCE",),
         NEEDED,
         numbers(EVIDENCE=-INF),
+    ),
+    Gate(
+        "all of these and the next two",
+        "in their place: one likelihood ratio of held-out windows, by the number of candidates",
+        (),
+        NEEDED,
+        _one_ratio,
     ),
     Gate(
         "strong",

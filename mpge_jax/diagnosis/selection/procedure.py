@@ -98,8 +98,10 @@ def _on_longer_windows(
         if few or longer.train.steps <= steps or (f.hypothesis.terms and _usual(longer, f) <= usual):
             break
         say(f"looking on in windows of {longer.train.times.max():.2g} s")
-        longer.resume = Reached(f)
-        more, its = _settle(longer, *search(longer))
+        longer.resume, longer.looked = Reached(f), s.looked
+        more, last = search(longer)
+        if more.hypothesis != f.hypothesis:
+            more, its = _settle(longer, more, last)
         s.log += longer.log
         if more.hypothesis == f.hypothesis or not more.hypothesis.terms:
             break

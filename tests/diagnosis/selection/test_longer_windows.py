@@ -28,7 +28,7 @@ class Bench:
         self.sim, self.searched, self.whole = SimpleNamespace(stride=1), [], longest
         self.found, self.usual = found, usual or (lambda length: length)
         monkeypatch.setattr(procedure, "build_search", self.build)
-        monkeypatch.setattr(procedure, "search", lambda s: (s, None))
+        monkeypatch.setattr(procedure, "search", self.search)
         monkeypatch.setattr(procedure, "_settle", self.settle)
         monkeypatch.setattr(procedure, "_usual", lambda s, f: self.usual(s.length))
         monkeypatch.setattr(procedure, "predicts_better", lambda p, new, old: better)
@@ -39,11 +39,16 @@ class Bench:
         count = round(40 / length)
         train = SimpleNamespace(steps=1000 * length, count=count, times=SimpleNamespace(max=lambda: length))
         held = SimpleNamespace(count=count)
-        return SimpleNamespace(train=train, held=held, length=length, sim=self.sim, log=[str(length)])
+        return SimpleNamespace(
+            train=train, held=held, length=length, sim=self.sim, looked=False, log=[str(length)]
+        )
+
+    def search(self, s):
+        self.searched.append((s.length, s.resume.fit))
+        return self.found[s.length], []
 
     def settle(self, s, f, last):
-        self.searched.append((s.length, s.resume.fit))
-        return self.found[s.length], {"rivals": s.length}
+        return f, {"rivals": s.length}
 
     def run(self, f):
         p = SimpleNamespace(config=Config())
