@@ -1,5 +1,4 @@
-"""Machines that lack something in every joint: friction, damping and rotor inertia everywhere at once, then fewer; and
-drives that all are weaker and later than the model's, as hobby servos are.
+"""Machines that lack something in every joint: friction, damping and rotor inertia everywhere at once, then fewer.
 
 A forward search adds one effect at a time, so that on an arm of many joints the first ones stand for what is missing
 elsewhere (a delay for friction and rotor inertia behind a servo). Where several joints each still move otherwise than
@@ -25,7 +24,6 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
-IN_EVERY_DRIVE = ("actuator_gain", "actuator_delay")
 AFTER = 3
 """Effects that the forward search has found, or degrees of freedom that still lack something, at which the other
 direction is tried."""
@@ -34,35 +32,27 @@ HALF = 0.5
 ITERATIONS = 5
 
 
-def everywhere(s: Search, current: Fitted, single: Fitted | None = None) -> Fitted:
-    """`current`, or a hypothesis with plain effects in every joint that predicts held-out windows clearly better.
-
-    Args:
-        single: `current` with the one effect more that fits best, which must be clearly outdone too: many effects
-            together imitate much.
-    """
+def everywhere(s: Search, current: Fitted) -> Fitted:
+    """`current`, or a hypothesis with plain effects in every joint that predicts held-out windows clearly better."""
     # where a motor bounces in its gap, the rest is more than noise though nothing is missing
     if current.hypothesis.rugged or at_noise(s, current, s.whiten_one(current, s.train)):
         return current
-    tried = [_with_all(s, current, keep, drives) for drives in (False, True) for keep in (False, True)]
-    starts = list({f.hypothesis: f for f in tried if f is not None}.values())
+    starts = [f for keep in (False, True) if (f := _with_all(s, current, keep)) is not None]
     if not starts:
         return current
     s.looked = True
-    s.say("trying friction, damping and rotor inertia in every joint, and weak and late drives")
+    s.say("trying friction, damping and rotor inertia in every joint")
     fits = fit(s.sim, starts, s.train, s.whiten_one(current, s.train), iterations=8)
     fits = [f for f in (_thinned(s, f) for f in fits) if f.hypothesis.terms]
     if not fits:
         return current
     whites = s.whiten(min(fits, key=lambda f: f.loss))
-    others = [current] if single is None else [current, single]
-    old = fit(s.sim, others, s.train, whites[0], iterations=4)
-    scored = s.score([*fits, *old], whites)
-    scored, before = scored[: len(fits)], min(scored[len(fits) :], key=lambda r: r.losses.mean())
+    old = fit(s.sim, [current], s.train, whites[0], iterations=4)[0]
+    *scored, before = s.score([*fits, old], whites)
     best = min(scored, key=lambda r: r.losses.mean())
     chosen = min((r for r in scored if not clearly_worse(r, best)), key=lambda r: r.complexity)
     s.log.append(
-        f"everywhere: beside {before.fit.hypothesis} {before.losses.mean():.3f}; "
+        f"everywhere: base {before.losses.mean():.3f}; "
         + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in scored)
     )
     # each by itself may be weak; what nobody knows leaks into all joints, and little of it goes away by that
@@ -73,8 +63,8 @@ def everywhere(s: Search, current: Fitted, single: Fitted | None = None) -> Fitt
 
 
 def due(s: Search, current: Fitted) -> bool:
-    """Whether it is time for that look, which is done once, beside what one effect more explains."""
-    if s.looked or not current.hypothesis.terms:
+    """Whether it is time for that look, which is done once."""
+    if s.looked:
         return False
     if len(current.hypothesis.terms) == AFTER:
         return True
@@ -83,10 +73,9 @@ def due(s: Search, current: Fitted) -> bool:
     return int(loud(white, flat, s.sim.model.nv).sum()) >= AFTER
 
 
-def _with_all(s: Search, current: Fitted, keep: bool, drives: bool) -> Fitted | None:
-    """`current` with every plain effect of joints added, and of `drives`; unless `keep`, without its effects of timing
-    and its elaborate laws of friction, for which plain effects may have been mistaken. None where that adds or keeps
-    nothing."""
+def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
+    """`current` with every plain effect of joints added; unless `keep`, without its effects of timing and its elaborate
+    laws of friction, for which plain effects may have been mistaken. None where that adds or keeps nothing."""
     ctx = s.sim.ctx
     parts = dict(current.hypothesis.split(ctx, current.theta))
     doubtful = {t for t in parts if t.id in ELABORATE or any(p.unit == "s" for p in t.params(ctx))}
@@ -94,9 +83,8 @@ def _with_all(s: Search, current: Fitted, keep: bool, drives: bool) -> Fitted | 
         return None
     hypothesis = Hypothesis.of(*(t for t in parts if keep or t not in doubtful))
     known = len(hypothesis.terms)
-    wanted = {("joint", i) for i in IN_EVERY_JOINT} | {("actuator", i) for i in IN_EVERY_DRIVE if drives}
     for term in s.terms:
-        if (term.place.kind, term.id) in wanted and compatible(hypothesis, term):
+        if term.id in IN_EVERY_JOINT and term.place.kind == "joint" and compatible(hypothesis, term):
             hypothesis = hypothesis.with_term(term)
             parts[term] = np.asarray(term.effect.starts(ctx, term.place))[0]
     if len(hypothesis.terms) == known:

@@ -36,12 +36,6 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         ranked, base = compete(s, current, s.terms)
         current = base.fit
         chosen, accepted = _chosen(s, ranked, base) if ranked else (None, False)
-        if due(s, current):
-            wider = everywhere(s, current, chosen.fit if chosen is not None else None)
-            if wider is not current:
-                current = wider
-                keep()
-                continue
         if chosen is not None and accepted:
             current, last = chosen.fit, ranked
             if depth == 0:
@@ -49,6 +43,8 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
                 alternatives = _beam(ranked, chosen)
                 if chosen.losses.mean() > LEAVES_MUCH and len(alternatives) > 1:
                     current, last = _second_round(s, chosen, alternatives)
+            if due(s, current):
+                current = everywhere(s, current)
         elif chosen is not None and (pair := _only_together(s, chosen, base)) is not None:
             current, last = pair[0].fit, pair[1]
         else:

@@ -40,7 +40,13 @@ class Bench:
         train = SimpleNamespace(steps=1000 * length, count=count, times=SimpleNamespace(max=lambda: length))
         held = SimpleNamespace(count=count)
         return SimpleNamespace(
-            train=train, held=held, length=length, sim=self.sim, looked=False, log=[str(length)]
+            train=train,
+            held=held,
+            length=length,
+            sim=self.sim,
+            looked=False,
+            exhausted=False,
+            log=[str(length)],
         )
 
     def search(self, s):
