@@ -35,6 +35,8 @@ class Run:
     out: Path
     rule: tuple[str, ...] = ()
     """Rules to switch off; all when empty."""
+    first: int | None = None
+    """How many of the cases, in an order of their own; all when not given."""
     timeout: float = 900.0
     """Seconds after which a diagnosis is given up."""
     options: Annotated[Options, tyro.conf.arg(name="")] = field(default_factory=Options)
@@ -65,7 +67,7 @@ def run(command: Run) -> None:
     cases, out = cases_of(command.cases), command.out.resolve()
     rules = [gate(name).name for name in command.rule] or [g.name for g in GATES]
     rng = np.random.default_rng(0)
-    cases = [cases[k] for k in rng.permutation(len(cases))]
+    cases = [cases[k] for k in rng.permutation(len(cases))][: command.first]
 
     def go(jobs: list[Job], what: str) -> None:
         for number, each in enumerate(runners.run(jobs, command.options, out / "jobs"), 1):
