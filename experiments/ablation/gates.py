@@ -179,13 +179,6 @@ GATES = (
         numbers(BESIDE=1.0),
     ),
     Gate(
-        "relevant",
-        "a joint's loss falls by a share of it",
-        ("RELEVANT",),
-        NEEDED,
-        numbers(RELEVANT=-INF),
-    ),
-    Gate(
         "evidence",
         "held-out windows gain by a likelihood ratio",
         ("EVIDENCE",),
@@ -235,20 +228,12 @@ GATES = (
         (f"{CRITERIA}:moves",),
         fixed(True),
     ),
-    Gate("lasts", "delays and lags last a timestep", ("STEPS",), (f"{CRITERIA}:lasts",), fixed(True)),
     Gate(
         "tie",
         "slight differences of loss are ties",
         ("TIE",),
         (f"{SCORED}:clearly_worse",),
         numbers(TIE=0.0),
-    ),
-    Gate(
-        "clear by ranks",
-        "differences count by their ranks too",
-        ("CLEAR",),
-        (f"{SCORED}:clearly_worse",),
-        numbers(CLEAR=INF),
     ),
     Gate(
         "simplest of ties",
@@ -286,13 +271,6 @@ GATES = (
         numbers(LOUD=INF),
     ),
     Gate(
-        "settled",
-        "with effects, a mean loss a little higher is noise",
-        ("SETTLED",),
-        (f"{COMPETITION}:only_noise",),
-        numbers(SETTLED=1.1),
-    ),
-    Gate(
         "standing out",
         "several windows that stand out keep a search going",
         ("SEVERAL",),
@@ -305,22 +283,6 @@ GATES = (
         (),
         (f"{COMPETITION}:at_floor",),
         fixed(False),
-        _something,
-    ),
-    Gate(
-        "freed",
-        "a further effect leads the known ones out of a local minimum",
-        (),
-        (f"{COMPETITION}:freed",),
-        _given(1),
-        lambda answer, _s, base, *_: answer is not base,
-    ),
-    Gate(
-        "only together",
-        "two effects are accepted together where neither is alone",
-        (),
-        (f"{FORWARD}:_only_together",),
-        fixed(None),
         _something,
     ),
     Gate(
@@ -421,13 +383,6 @@ GATES = (
         ("EXCESS",),
         (f"{NULL}:Floor.exceeded",),
         numbers(EXCESS=0.0),
-    ),
-    Gate(
-        "excess by ranks",
-        "several windows that show more count where the mean is uncertain",
-        ("SHARE",),
-        (f"{NULL}:Floor.exceeded",),
-        numbers(SHARE=INF),
     ),
     Gate(
         "far windows",

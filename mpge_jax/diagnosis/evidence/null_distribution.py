@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import mannwhitneyu, norm
+from scipy.stats import norm
 
 from mpge_jax.diagnosis.dataset.coarse_sampling import states_as_measured
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -34,8 +34,6 @@ Array = np.ndarray
 SEGMENT, ALL = 0.8, 1_000_000
 EXCESS = 0.5
 """Relative chi^2 above the floor that counts as structure."""
-SHARE = 0.1
-"""Share of all windows, and at least `SEVERAL`, that show as much where few of them make the mean."""
 BEYOND_NOISE = 5.0
 """Loss of a window that no noise explains, whatever the others show."""
 DOUBT = 3.0
@@ -62,16 +60,11 @@ class Floor:
     each: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def exceeded(self, losses: Array, doubt: float = DOUBT) -> bool:
-        """Whether windows with these losses [W] show more than that, by so many standard errors: by their mean, or,
-        where they scatter widely, by their ranks and by several windows that each show more."""
+        """Whether windows with these losses [W] show more than that on average, by so many standard errors."""
         least = max(self.loss, 1.0)
         excess = float(losses.mean()) - least
         error = float(losses.std() / np.sqrt(max(losses.size, 1)))
-        beyond = excess > doubt * np.hypot(error, self.error)
-        several = (losses > least + EXCESS).sum() > max(SEVERAL, SHARE * losses.size)
-        if not beyond and several and self.losses.size:
-            beyond = mannwhitneyu(losses, self.losses, alternative="greater").pvalue < norm.sf(doubt)
-        return bool(excess > EXCESS and beyond)
+        return bool(excess > max(EXCESS, doubt * np.hypot(error, self.error)))
 
     def far(self, losses: Array, several: int = SEVERAL) -> bool:
         """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave."""

@@ -10,13 +10,11 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
-from mpge_jax.diagnosis.evidence.paired_gains import deviations, rare, standard_error
+from mpge_jax.diagnosis.evidence.paired_gains import rare, standard_error
 
 Array = np.ndarray
 FEW = 3
 """Families of candidates that are fitted further however far they lag behind the best."""
-CLEAR = 3.0
-"""Deviations, by ranks, from which on a difference is clear though few windows blur its mean."""
 TIE = 0.03
 """Differences of relative loss below this are ties, whatever their standard error."""
 
@@ -119,11 +117,10 @@ def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
 
 
 def clearly_worse(a: Scored, best: Scored) -> bool:
-    """Whether `a` loses to the best by more than a tie, and that by two standard errors (paired by window) or clearly
-    by ranks, or misses what acts rarely."""
+    """Whether `a` loses to the best by more than a tie, and that by two standard errors (paired by window), or misses
+    what acts rarely."""
     d = a.losses - best.losses
-    sure = d.mean() > 2.0 * standard_error(d) or deviations(d) > CLEAR
-    return bool(d.mean() > TIE and sure) or misses(a, best)
+    return bool(d.mean() > max(TIE, 2.0 * standard_error(d))) or misses(a, best)
 
 
 def misses(a: Scored, best: Scored) -> bool:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mpge_jax.diagnosis.effects.candidates import compatible
@@ -25,8 +23,8 @@ HOPELESS = 0.06
 LOUD = 1.5
 """Mean loss at one degree of freedom beyond which something may be missing there."""
 QUIET, SETTLED = 1.1, 1.25
-"""Mean loss of a model from which nothing is missing, as given and with effects that were found (whose law is never
-exact to the noise). It leaves too little for an effect to be `needed`."""
+"""Mean loss from which nothing is missing, and up to which no more is asked: of laws of friction that contain a plain
+one, and of a model as given that strikes something."""
 
 
 def compete(s: Search, base: Fitted, terms: list[Term], keep: int = KEEP) -> tuple[list[Scored], Scored]:
@@ -57,7 +55,7 @@ def compete(s: Search, base: Fitted, terms: list[Term], keep: int = KEEP) -> tup
     if not fits:
         return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
     whites = white, s.whiten_one(fits[0], s.held, white.factor)
-    scored = s.score([*fits, freed(s, base, fits, white)], whites)
+    scored = s.score([*fits, base], whites)
     ranked = sorted(scored[:-1], key=lambda r: r.losses.mean())
     return ranked, scored[-1]
 
@@ -79,14 +77,14 @@ def only_noise(s: Search, base: Fitted, white: Whitener) -> bool:
     for w in (s.train, s.held):
         white = white if w is s.train else s.whiten_one(base, w)
         flat = white(s.sim.residuals([Run(base.hypothesis, base.theta)], w))[0]
-        x, limit = white.excess(flat), SETTLED if base.hypothesis.terms else QUIET
+        x = white.excess(flat)
         # in a large machine, what one joint lacks drowns in the mean over all
         if not base.hypothesis.terms and loud(white, flat, s.sim.model.nv).any():
             return False
         outlying += int(stand_out(robust_loss(x)).sum())
         # a tempered whitener, or an overestimated noise, says nothing
         little = np.median(x) < 0.5 and not white.inexact
-        if white.factor != 1.0 or little or robust_loss(x).mean() > limit:
+        if white.factor != 1.0 or little or robust_loss(x).mean() > QUIET:
             return False
     return outlying < SEVERAL
 
@@ -106,18 +104,3 @@ def at_floor(s: Search, base: Fitted) -> bool:
     if nominal and floor.loss < SETTLED:
         return False
     return remainder(s, base, floor, thorough=False) is None
-
-
-def freed(s: Search, base: Fitted, fits: list[Fitted], white: Whitener) -> Fitted:
-    """`base`, or a better fit of its own terms to which a further term led out of a local minimum."""
-    if not base.theta.size or s.brief(base.hypothesis):
-        return base
-    ctx, terms = s.sim.ctx, base.hypothesis.terms
-    starts = [base]
-    for f in fits[:3]:
-        if set(terms) <= set(f.hypothesis.terms):
-            parts = f.hypothesis.split(ctx, f.theta)
-            starts.append(replace(base, theta=base.hypothesis.gather(ctx, parts)))
-    again = fit(s.sim, starts, s.train, white, iterations=4)
-    best = min(again[1:], key=lambda f: f.loss, default=base)
-    return best if best.loss < 0.5 * again[0].loss else base

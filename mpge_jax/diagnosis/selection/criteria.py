@@ -19,14 +19,9 @@ SMALL = 0.02
 (friction law, timestep, integrator), which a wrong effect can imitate."""
 NAMED = 4.0
 """Deviations by which a contrast must differ from its value at null."""
-STEPS = 0.75
-"""Timesteps that a delay or time constant lasts at least, unless it halves the loss: a semi-implicit step acts half a
-step early, which another integrator or a finer timestep behind the recordings does not."""
 BESIDE = 0.6
 """Share of the standard errors that windows which nothing was fitted to need beside effects that are known: what is
 still missing dominates them."""
-RELEVANT = 0.05
-"""Share of a joint's loss, or of the noise, that an effect must take away there."""
 
 
 def choose(s: Search, ranked: list[Scored], without: Hypothesis = Hypothesis()) -> Scored:  # noqa: B008
@@ -43,19 +38,7 @@ def accept(s: Search, new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> b
         needed(new, old, doubt)
         and named(s, new.fit, old.fit.hypothesis)
         and (first or moves(s, new.fit, old.fit))
-        and (lasts(s, new.fit, old.fit.hypothesis) or bool(2.0 * new.held.mean() < old.held.mean()))
     )
-
-
-def lasts(s: Search, f: Fitted, without: Hypothesis) -> bool:
-    """Whether no added term is a mere delay, or lag, of less than a timestep."""
-    ctx = s.sim.ctx
-    for term, theta in f.hypothesis.split(ctx, f.theta).items():
-        params, naming = term.effect.params(ctx, term.place), term.effect.naming(ctx, term.place)
-        times = [theta[i] for i in naming if params[i].unit == "s"]
-        if term not in without.terms and times and max(times) < STEPS * ctx.model.opt.timestep:
-            return False
-    return True
 
 
 def needed(new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
@@ -70,9 +53,8 @@ def needed(new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
     beyond = deviations(gain) > (doubt if first else BESIDE * doubt) and deviations(total) > doubt
     if misses(old, new):
         return True
-    relevant = (each.mean(0) > RELEVANT * np.minimum(1.0, old.by_joint.mean(0))).any()
     evidence = each[old.train.size :].sum() > EVIDENCE
-    return bool(relevant and ((beyond and evidence) or strong(gain, total)))
+    return bool((beyond and evidence) or strong(gain, total))
 
 
 def moves(s: Search, new: Fitted, old: Fitted) -> bool:

@@ -6,13 +6,12 @@ import time
 
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
-from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
-from mpge_jax.diagnosis.evidence.paired_gains import deviations
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored, family, with_simpler
 from mpge_jax.diagnosis.selection.all_joints import due, everywhere
 from mpge_jax.diagnosis.selection.competition import compete
-from mpge_jax.diagnosis.selection.criteria import SIGNIFICANT, accept, choose, named
+from mpge_jax.diagnosis.selection.criteria import accept, choose
 from mpge_jax.diagnosis.selection.search_state import Search
 
 LEAVES_MUCH = 2.5
@@ -45,8 +44,6 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
                     current, last = _second_round(s, chosen, alternatives)
             if due(s, current):
                 current = everywhere(s, current)
-        elif chosen is not None and (pair := _only_together(s, chosen, base)) is not None:
-            current, last = pair[0].fit, pair[1]
         else:
             last = last or ranked
             # what adds one effect at a time may end where several are needed at once
@@ -70,24 +67,6 @@ def _chosen(s: Search, ranked: list[Scored], base: Scored) -> tuple[Scored, bool
         + f" -> {chosen.fit.hypothesis}{'' if accepted else ' (not accepted)'}"
     )
     return chosen, bool(accepted)
-
-
-def _only_together(s: Search, chosen: Scored, base: Scored) -> tuple[Scored, list[Scored]] | None:
-    """A second effect beside a first one that by itself helps most windows, though not beyond doubt those that it was
-    not fitted to, as what is still missing dominates them: the two against nothing, with the pairs that were tried."""
-    gain = base.losses - chosen.losses
-    if base.fit.hypothesis.terms or not named(s, chosen.fit) or deviations(gain) < SIGNIFICANT:
-        return None
-    s.say(f"looking for effect 2 beside {chosen.fit.hypothesis}")
-    ranked, _ = compete(s, chosen.fit, s.terms)
-    if not ranked:
-        return None
-    pair = choose(s, ranked, chosen.fit.hypothesis)
-    now, nothing = s.score([pair.fit, NOTHING], s.whiten(pair.fit))
-    s.log.append(
-        f"together: nothing {nothing.losses.mean():.3f}; {pair.fit.hypothesis} {now.losses.mean():.3f}"
-    )
-    return (now, ranked) if accept(s, now, nothing) else None
 
 
 def _time_left(began: float, rounds: int) -> str:

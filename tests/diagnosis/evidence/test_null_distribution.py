@@ -12,21 +12,6 @@ from tests.diagnosis.machines import FLYER, PENDULUM, record
 from tests.diagnosis.searches import prepared_of
 
 
-def test_what_scatters_widely_exceeds_the_floor_by_ranks():
-    expected = 0.9 + 0.05 * np.random.default_rng(0).standard_normal(32)
-    floor_of = Floor(0.9, 0.01, 1.0, expected)
-    losses = np.concatenate([np.linspace(0.9, 1.3, 50), np.geomspace(2, 40, 8)])
-    assert (losses.mean() - 1.0) < 3.0 * losses.std() / np.sqrt(losses.size)
-    assert floor_of.exceeded(losses) and not Floor(0.9, 0.01).exceeded(losses)
-    assert not floor_of.exceeded(expected)
-    # several windows that no noise explains are not nothing, even if all others are; two may be accidents
-    rest = expected[:1].repeat(60)
-    assert floor_of.far(np.append(rest, [6.0, 7.0, 20.0])) and not floor_of.far(np.append(rest, [7.0, 20.0]))
-    assert not Floor(0.9, 0.01, 1.0, np.array([1.0, 8.0])).far(np.append(rest, [6.0, 7.0, 15.0]))
-    # a single window of sixty is none of them
-    assert not floor_of.exceeded(np.append(expected[:1].repeat(60) + 0.1, 40.0))
-
-
 def test_what_one_joint_leaves_does_not_drown_in_what_another_scatters():
     rng = np.random.default_rng(0)
     wild = rng.uniform(1.0, 9.0, (60, 1))

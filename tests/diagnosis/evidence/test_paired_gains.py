@@ -74,16 +74,6 @@ def test_laws_of_friction_at_one_joint_do_not_crowd_out_what_else_is_hopeful():
     assert hopeful([], before=3.0) == []
 
 
-def test_a_few_wild_windows_do_not_make_a_clear_winner_a_tie():
-    good = np.full(60, 1.0)
-    worse = good + np.linspace(0.05, 0.4, 60)
-    worse[:3] -= (0.0, 4.0, 4.0)
-    a, best = (Scored(NOTHING, x[:40], x[40:], 0, 0) for x in (worse, good))
-    mean = (worse - good).mean()
-    assert 0.03 < mean < 2.0 * (worse - good).std() / np.sqrt(60)
-    assert clearly_worse(a, best) and not clearly_worse(best, best)
-
-
 def test_ranks_see_what_spoiled_windows_blur():
     rng = np.random.default_rng(0)
     gain = np.concatenate([rng.uniform(0.1, 0.6, 45), rng.uniform(-0.4, 0, 10), [5, -5, 6, -6, 7, -7]])

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
-from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, screen
 from mpge_jax.diagnosis.evidence.scored import Scored
 from mpge_jax.diagnosis.selection import criteria, forward_selection, search_state
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined
-from mpge_jax.diagnosis.selection.criteria import accept, choose, needed
+from mpge_jax.diagnosis.selection.criteria import choose, needed
 from mpge_jax.diagnosis.selection.forward_selection import search
 from mpge_jax.diagnosis.simulation.informative_windows import telling_windows
 from tests.diagnosis.machines import PENDULUM, record
@@ -25,7 +24,6 @@ from tests.diagnosis.searches import (
     COULOMB,
     DAMPING,
     GAIN,
-    HINGE,
     MISTAKEN_FOR_FRICTION,
     STRIBECK,
     fitted,
@@ -123,17 +121,6 @@ def test_who_is_beyond_doubt_does_not_wait_for_a_better_one_who_is_not(null, mon
     ):
         monkeypatch.setattr(forward_selection, "accept", lambda _s, r, _base, sure=sure: r in sure)
         assert forward_selection._chosen(s, [dry, viscous], nothing) == (chosen, accepted)
-
-
-def test_half_a_timestep_is_no_delay(null, monkeypatch):
-    s, p = null
-    late, dt = Term("sensor_delay", HINGE), float(p.model.opt.timestep)
-    monkeypatch.setattr(criteria, "needed", lambda *_: True)
-    monkeypatch.setattr(criteria, "named", lambda *_: True)
-    old = Scored(NOTHING, np.ones(9), np.full(9, 1.5), 0, 0)
-    for steps, loss, accepted in ((0.5, 1.0, False), (1.5, 1.0, True), (0.5, 0.6, True)):
-        new = Scored(fitted(s, {late: [steps * dt]}), np.ones(9), np.full(9, loss), 1, 1)
-        assert accept(s, new, old) is accepted
 
 
 def test_longer_windows_refine_parameters_and_intervals_hold_the_disagreement(rubbing):
