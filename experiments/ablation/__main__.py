@@ -50,6 +50,8 @@ class Table:
     """Folders that `experiments.blind build` wrote."""
     out: Path
     page: Path = Path("docs/ablation.md")
+    built: tuple[str, ...] = ()
+    """Of each of the folders its name and the further arguments that it was built with, to be shown."""
 
 
 Command = Annotated[Run, tyro.conf.subcommand("run")] | Annotated[Table, tyro.conf.subcommand("table")]
@@ -99,8 +101,11 @@ def main(args: list[str] | None = None) -> int:
             run(command)
             return 0
         folders = " ".join(p.name for p in command.cases)
-        said = f"python -m experiments.ablation run --cases {folders} --out {command.out.name}"
-        files.write_text(command.page, page(command.out.resolve(), cases_of(command.cases), said))
+        said = [
+            *(f"python -m experiments.blind build --out {built}" for built in command.built),
+            f"python -m experiments.ablation run --cases {folders} --out {command.out.name}",
+        ]
+        files.write_text(command.page, page(command.out.resolve(), cases_of(command.cases), "\n    ".join(said)))
         return 0
 
     return exit_status("ablation", work)

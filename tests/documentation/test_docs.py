@@ -11,6 +11,7 @@ import pytest
 import tyro
 
 from experiments import diagnose, facts, inspect, new, pretrain, results, sweep, tuning
+from experiments.ablation import __main__ as ablation
 from experiments.atlas import __main__ as atlas
 from experiments.benchmark import __main__ as benchmark
 from experiments.benchmark.peers import __main__ as peers
@@ -27,7 +28,7 @@ BY_TYRO = {
     "demo": demo.Args, "sweep": sweep.Args, "benchmark": benchmark.Args, "results": results.Args,
     "pretrain": pretrain.Args, "new": new.Args, "facts": facts.Args, "tuning": tuning.Args, "fleet": fleet.Args,
     "scale": scale.Command, "blind": blind.Command, "benchmark.peers": peers.Args,
-    "atlas": atlas.Args,
+    "atlas": atlas.Args, "ablation": ablation.Command,
 }  # fmt: skip
 BY_ARGPARSE = {"diagnose": diagnose, "inspect": inspect}
 STANDS_FOR = {"TASK": "Hopper", "KIND": "MS", "N": "4", "R": "ray"}
