@@ -12,7 +12,7 @@ LITTLE = 0.01
 """Share of the cases whose answers a rule must change to be one that decides anything."""
 HEAD = """# Which rules decide anything
 
-Written by `python -m experiments.ablation table`. Each rule of the diagnosis that decides which effects are reported of
+Written by `experiments.ablation`. Each rule of the diagnosis that decides which effects are reported of
 a driven machine was switched off by itself. A rule that changed no answer of the function where it acts cannot have
 changed the diagnosis, so cases were diagnosed again only where it did. An answer is changed if its verdict, a name or a
 place is another one; it is better or worse with the rule by its mark, then by how few certain wrong names it has. The
