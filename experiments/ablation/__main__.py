@@ -105,7 +105,9 @@ def main(args: list[str] | None = None) -> int:
             *(f"python -m experiments.blind build --out {built}" for built in command.built),
             f"python -m experiments.ablation run --cases {folders} --out {command.out.name}",
         ]
-        files.write_text(command.page, page(command.out.resolve(), cases_of(command.cases), "\n    ".join(said)))
+        files.write_text(
+            command.page, page(command.out.resolve(), cases_of(command.cases), "\n    ".join(said))
+        )
         return 0
 
     return exit_status("ablation", work)

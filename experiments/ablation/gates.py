@@ -271,6 +271,13 @@ GATES = (
         numbers(LOUD=INF),
     ),
     Gate(
+        "quiet",
+        "a mean loss a little above that of noise is noise",
+        ("QUIET",),
+        (f"{COMPETITION}:only_noise",),
+        numbers(QUIET=1.0),
+    ),
+    Gate(
         "standing out",
         "several windows that stand out keep a search going",
         ("SEVERAL",),
@@ -280,7 +287,7 @@ GATES = (
     Gate(
         "at the floor",
         "a search ends at what a true hypothesis would leave, by simulation",
-        (),
+        ("SETTLED",),
         (f"{COMPETITION}:at_floor",),
         fixed(False),
         _something,
@@ -327,7 +334,7 @@ GATES = (
     Gate(
         "richer",
         "laws that contain a plain friction are fitted from where it stands",
-        ("RICHER",),
+        ("RICHER", "SETTLED"),
         (f"{ALTERNATIVES}:_richer",),
         fixed([]),
         lambda answer, *_: bool(answer),
@@ -385,6 +392,13 @@ GATES = (
         numbers(EXCESS=0.0),
     ),
     Gate(
+        "doubt",
+        "an excess within so many standard errors is none",
+        ("DOUBT",),
+        (f"{NULL}:Floor.exceeded",),
+        lambda own, floor, losses, *_doubt: own(floor, losses, 0.0),
+    ),
+    Gate(
         "far windows",
         "several windows far beyond the floor are more than noise",
         ("BEYOND_NOISE",),
@@ -424,7 +438,7 @@ GATES = (
     Gate(
         "slight",
         "a slight share of the squared error that is left is told beside the effects",
-        ("SLIGHT",),
+        ("SLIGHT", "CLEAR"),
         ("verdict.judgement:matters",),
         fixed(True),
     ),
@@ -437,3 +451,17 @@ def gate(name: str) -> Gate:
         if each.name == name:
             return each
     raise ValueError(f"there is no rule {name!r} (there are: {', '.join(g.name for g in GATES)})")
+
+
+WORK = {
+    "selection.all_joints": ("ITERATIONS",),
+    "selection.competition": ("KEEP", "KEEP_OF_MANY"),
+    "selection.confirmation": ("ITERATIONS",),
+    "selection.forward_selection": ("REST",),
+    "selection.procedure": ("REFINED",),
+    "selection.search_state": ("MANY", "WORK"),
+    "selection.setup": ("POOL", "FEWEST_ROWS"),
+    "evidence.null_distribution": ("SEGMENT", "ALL"),
+    "evidence.same_in_principle": ("PARALLEL",),
+}
+"""Numbers of the rooms that decide which are no rule: how much is tried or shown (candidates, windows, iterations)."""

@@ -2,14 +2,17 @@
 
 import importlib
 import inspect
+import re
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from experiments.ablation.gates import GATES, gate, numbers
+from experiments.ablation.gates import GATES, WORK, gate, numbers
 from experiments.ablation.replaced import ENGINE, _function, alike, watched, without
+from mpge_jax import diagnosis
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.evidence import paired_gains, scored
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
@@ -26,6 +29,20 @@ def test_a_rule_is_a_function_of_the_engine_with_its_numbers(each):
     modules = [m for name, m in sys.modules.items() if name.startswith(ENGINE)]
     for name in each.numbers:
         assert any(hasattr(m, name) for m in modules) or name == "tier", name
+
+
+def test_every_number_of_the_rooms_that_decide_belongs_to_a_rule_or_is_one_of_work():
+    ruled, found = {n for g in GATES for n in g.numbers}, set()
+    for room in ("selection", "evidence"):
+        for path in sorted((Path(diagnosis.__file__).parent / room).glob("*.py")):
+            module = f"{room}.{path.stem}"
+            for name, value in vars(importlib.import_module(f"{ENGINE}.{module}")).items():
+                own = re.search(rf"^[\w, ]*\b{name}\b[\w, ]* = ", path.read_text(), re.MULTILINE)
+                if name.isupper() and own and isinstance(value, int | float):
+                    found.add((module, name))
+    unruled = {(module, name) for module, name in found if name not in ruled}
+    assert unruled == {(module, name) for module, names in WORK.items() for name in names}
+    assert len(found - unruled) <= 40
 
 
 def test_names_are_told_once():
