@@ -16,9 +16,9 @@ import numpy as np
 import tyro
 
 from experiments import runners
-from experiments.ablation.compared import Case, acted, cases_of, effect, ended, place
-from experiments.ablation.gates import GATES, gate
+from experiments.ablation.compared import Case, acted, cases_of, effect, note, place
 from experiments.ablation.one import ALL
+from experiments.ablation.rules import GATES, gate
 from experiments.ablation.table import page
 from experiments.blind.run import CaseJob, run_case
 from experiments.ending import exit_status
@@ -82,9 +82,9 @@ def run(command: Run) -> None:
     while True:
         jobs, left = [], 0
         for rule in rules:
-            if effect(out, rule, cases).needed:
+            if effect(out, rule, acts).needed:
                 continue
-            waiting = [c for c in cases if rule in acts[c] and not ended(out, rule, c)]
+            waiting = [c for c in cases if rule in acts[c] and not note(out, rule, c).exists()]
             jobs += [work_of(out, rule, c, command.timeout) for c in waiting[:2]]
             left += len(waiting)
         if not jobs:

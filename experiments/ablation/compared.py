@@ -11,6 +11,7 @@ from scipy.stats import binomtest
 
 from experiments.ablation.one import ALL
 from experiments.blind.scoring.marks import judge
+from experiments.blind.scoring.score import read_report
 
 NEEDED_BY = 0.02
 """Probability of as many worse answers among those that changed in their mark, if worse were as likely as better, below
@@ -45,15 +46,15 @@ def place(out: Path, rule: str, case: Case) -> Path:
     return out / rule.replace(" ", "_") / case.name
 
 
-def ended(out: Path, rule: str, case: Case) -> bool:
-    """Whether that diagnosis was run, with whatever result."""
-    return (place(out, rule, case) / "run.json").exists()
+def note(out: Path, rule: str, case: Case) -> Path:
+    """The file that one diagnosis has once it was run, with whatever result."""
+    return place(out, rule, case) / "run.json"
 
 
 def report_of(out: Path, rule: str, case: Case) -> dict[str, Any] | None:
     """What that diagnosis said; None where it failed."""
-    path = place(out, rule, case) / "report" / "diagnosis.json"
-    return json.loads(path.read_text()) if path.exists() else None
+    status = json.loads(note(out, rule, case).read_text())["status"]
+    return read_report(place(out, rule, case) / "report", status)
 
 
 def acted(out: Path, case: Case) -> set[str]:
@@ -102,10 +103,10 @@ class Effect:
         return changed > 0 and binomtest(self.better, changed, alternative="greater").pvalue < NEEDED_BY
 
 
-def effect(out: Path, rule: str, cases: list[Case]) -> Effect:
-    """What one rule does to the cases that were diagnosed so far."""
-    acts = [c for c in cases if rule in acted(out, c)]
-    ran = [c for c in acts if ended(out, rule, c)]
+def effect(out: Path, rule: str, acts: dict[Case, set[str]]) -> Effect:
+    """What one rule does to the cases that were diagnosed so far; `acts`: which rules acted in each (`acted`)."""
+    within = [c for c, rules in acts.items() if rule in rules]
+    ran = [c for c in within if note(out, rule, c).exists()]
     changed = better = worse = 0
     for c in ran:
         with_it, without_it = report_of(out, ALL, c), report_of(out, rule, c)
@@ -114,4 +115,4 @@ def effect(out: Path, rule: str, cases: list[Case]) -> Effect:
         changed += 1
         a, b = value(c, with_it), value(c, without_it)
         better, worse = better + (a > b), worse + (a < b)
-    return Effect(len(acts), len(ran), changed, better, worse)
+    return Effect(len(within), len(ran), changed, better, worse)

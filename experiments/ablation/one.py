@@ -16,8 +16,8 @@ from typing import Annotated
 
 import tyro
 
-from experiments.ablation.gates import gate
 from experiments.ablation.replaced import watched, without
+from experiments.ablation.rules import gate
 from mpge_jax import files
 from mpge_jax.diagnosis import Config, diagnose
 
@@ -41,15 +41,10 @@ def main(args: list[str] | None = None) -> int:
     """The command line; returns the exit status."""
     given = tyro.cli(Args, args=args, description=__doc__)
     config = Config(seed=given.seed, jobs=given.jobs, quiet=given.quiet)
-    acted: set[str] = set()
-    if given.rule == ALL:
-        with watched() as acted:
-            found = diagnose(given.model, given.recordings, config)
-    else:
-        with without(gate(given.rule)):
-            found = diagnose(given.model, given.recordings, config)
+    with watched() if given.rule == ALL else without(gate(given.rule)) as acted:
+        found = diagnose(given.model, given.recordings, config)
     given.out.mkdir(parents=True, exist_ok=True)
-    files.write_text(given.out / "acted.json", json.dumps(sorted(acted)))
+    files.write_text(given.out / "acted.json", json.dumps(sorted(acted or ())))
     files.write_text(given.out / "diagnosis.json", json.dumps(found.to_json(), indent=1))
     return 0
 

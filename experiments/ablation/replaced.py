@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.ablation.gates import GATES, Gate
+from experiments.ablation.gates import Gate
+from experiments.ablation.rules import GATES
 
 ENGINE = "mpge_jax.diagnosis"
 
@@ -19,7 +20,7 @@ ENGINE = "mpge_jax.diagnosis"
 @contextmanager
 def without(gate: Gate) -> Iterator[None]:
     """The engine without one rule."""
-    with _in_place({where: partial(gate.off, _function(where)) for where in gate.where}):
+    with _in_place({gate.where: partial(gate.off, _function(gate.where))}):
         yield
 
 
@@ -29,10 +30,10 @@ def watched(gates: tuple[Gate, ...] = GATES) -> Iterator[set[str]]:
     set. A rule that changed none of them did not change the diagnosis."""
     acted: set[str] = set()
     looking = [False]
-    places = dict.fromkeys(where for g in gates for where in g.where)
+    places = {g.where for g in gates}
 
     def watching(where: str) -> Callable[..., Any]:
-        own, here = _function(where), [g for g in gates if where in g.where]
+        own, here = _function(where), [g for g in gates if g.where == where]
 
         @wraps(own)
         def call(*args: Any, **options: Any) -> Any:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiments.ablation.compared import NEEDED_BY, Case, Effect, effect, ended
-from experiments.ablation.gates import GATES
+from experiments.ablation.compared import NEEDED_BY, Case, Effect, acted, effect, note
 from experiments.ablation.one import ALL
+from experiments.ablation.rules import GATES
 
 LITTLE = 0.01
 """Share of the cases whose answers a rule must change to be one that decides anything."""
@@ -54,7 +54,7 @@ def verdict(cases: int, e: Effect) -> str:
 
 def page(out: Path, cases: list[Case], command: str) -> str:
     """The page, from what was run so far."""
-    known = [c for c in cases if ended(out, ALL, c)]
+    known = {c: acted(out, c) for c in cases if note(out, ALL, c).exists()}
     rows = []
     for g in GATES:
         e = effect(out, g.name, known)

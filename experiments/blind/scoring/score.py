@@ -31,10 +31,10 @@ def load_marks(answers: Path, runs: Path, alone: Path | None = None) -> list[Mar
         if not note.exists():
             continue
         run = json.loads(note.read_text())
-        report = _report(runs / answer["case"] / "report", run["status"])
+        report = read_report(runs / answer["case"] / "report", run["status"])
         if alone is not None and (again := alone / answer["case"] / "run.json").exists():
             run = json.loads(again.read_text())
-            if _report(again.parent / "report", run["status"]) != report:
+            if read_report(again.parent / "report", run["status"]) != report:
                 raise ValueError(
                     f"{again.parent} answers otherwise than {note.parent}; time the same revision."
                 )
@@ -49,7 +49,8 @@ def load_marks(answers: Path, runs: Path, alone: Path | None = None) -> list[Mar
     return marks
 
 
-def _report(folder: Path, status: int | None) -> dict | None:
+def read_report(folder: Path, status: int | None) -> dict | None:
+    """The diagnosis.json of a run that ended with `status`; None where that failed or left none."""
     path = folder / "diagnosis.json"
     if status != 0 or not path.exists():
         return None

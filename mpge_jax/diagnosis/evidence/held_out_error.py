@@ -68,9 +68,14 @@ def _share(after: float, before: float, floor: float) -> float:
     return float(left / max(whole, 1e-12))
 
 
+def judged(p: Prepared, part: Part) -> Windows:
+    """The windows on which errors of the recordings of one part are told."""
+    return p.windows(part, p.config.report_s, WINDOWS[part], seed=1, judged=True)
+
+
 def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
     """Errors of the nominal model and of `f` on the recordings of one part."""
-    w = p.windows(part, p.config.report_s, WINDOWS[part], seed=1, judged=True)
+    w = judged(p, part)
     before = errors(p.sim, NOTHING, w, p.noise)
     after = errors(p.sim, f, w, p.noise) if f.hypothesis.terms else before
     variance = noise_floor(p.sim, f, w, p.noise)

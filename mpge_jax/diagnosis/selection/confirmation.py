@@ -8,8 +8,8 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
-from mpge_jax.diagnosis.estimation.prediction_error import Errors
-from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report
+from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report, judged
 from mpge_jax.diagnosis.evidence.paired_gains import deviations
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -46,7 +46,8 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
 def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
     """Whether recordings that only choose are predicted better, over windows of the reported length, by more than the
     uncertainty of that."""
-    return _sureness(*(fit_report(p, f, "choice").after for f in (old, new))) > BEYOND
+    w = judged(p, "choice")
+    return _sureness(*(errors(p.sim, f, w, p.noise) for f in (old, new))) > BEYOND
 
 
 def _sureness(without: Errors, after: Errors) -> float:

@@ -31,13 +31,11 @@ def choose(s: Search, ranked: list[Scored], without: Hypothesis = Hypothesis()) 
     return min(tied, key=lambda r: (*r.complexity, r.losses.mean()))
 
 
-def accept(s: Search, new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
+def accept(s: Search, new: Scored, old: Scored) -> bool:
     """Whether the new terms improve held-out windows beyond doubt, and their parameters differ from null."""
     first = not old.fit.hypothesis.terms
     return (
-        needed(new, old, doubt)
-        and named(s, new.fit, old.fit.hypothesis)
-        and (first or moves(s, new.fit, old.fit))
+        needed(new, old) and named(s, new.fit, old.fit.hypothesis) and (first or moves(s, new.fit, old.fit))
     )
 
 

@@ -34,8 +34,8 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         rounds += 1
         ranked, base = compete(s, current, s.terms)
         current = base.fit
-        chosen, accepted = _chosen(s, ranked, base) if ranked else (None, False)
-        if chosen is not None and accepted:
+        chosen = _chosen(s, ranked, base) if ranked else None
+        if chosen is not None:
             current, last = chosen.fit, ranked
             if depth == 0:
                 first_round = ranked
@@ -55,9 +55,9 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
     return current, last or first_round
 
 
-def _chosen(s: Search, ranked: list[Scored], base: Scored) -> tuple[Scored, bool]:
-    """The candidate of a round, and whether it is accepted. One that is beyond doubt does not wait for a better one
-    that is not: where windows scatter widely, what moves most of them may still be doubtful."""
+def _chosen(s: Search, ranked: list[Scored], base: Scored) -> Scored | None:
+    """The candidate of a round that is accepted, if there is one. One that is beyond doubt does not wait for a better
+    one that is not: where windows scatter widely, what moves most of them may still be doubtful."""
     without = base.fit.hypothesis
     accepted = [r for r in ranked if accept(s, r, base)]
     chosen = choose(s, accepted or ranked, without)
@@ -66,7 +66,7 @@ def _chosen(s: Search, ranked: list[Scored], base: Scored) -> tuple[Scored, bool
         + "; ".join(f"{r.fit.hypothesis} {r.losses.mean():.3f}/{r.directions}" for r in ranked[:6])
         + f" -> {chosen.fit.hypothesis}{'' if accepted else ' (not accepted)'}"
     )
-    return chosen, bool(accepted)
+    return chosen if accepted else None
 
 
 def _time_left(began: float, rounds: int) -> str:

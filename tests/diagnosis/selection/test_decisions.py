@@ -120,7 +120,9 @@ def test_who_is_beyond_doubt_does_not_wait_for_a_better_one_who_is_not(null, mon
         ((), dry, False),
     ):
         monkeypatch.setattr(forward_selection, "accept", lambda _s, r, _base, sure=sure: r in sure)
-        assert forward_selection._chosen(s, [dry, viscous], nothing) == (chosen, accepted)
+        assert forward_selection._chosen(s, [dry, viscous], nothing) is (chosen if accepted else None)
+        best = f"-> {chosen.fit.hypothesis}"
+        assert s.log[-1].endswith(best if accepted else f"{best} (not accepted)")
 
 
 def test_longer_windows_refine_parameters_and_intervals_hold_the_disagreement(rubbing):

@@ -10,8 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from experiments.ablation.gates import GATES, WORK, gate, numbers
+from experiments.ablation.gates import numbers
 from experiments.ablation.replaced import ENGINE, _function, alike, watched, without
+from experiments.ablation.rules import GATES, WORK, gate
 from mpge_jax import diagnosis
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.evidence import paired_gains, scored
@@ -24,8 +25,7 @@ GAIN = np.array([0.1, 0.2, 0.1, 0.3, 40.0])
 
 @EACH
 def test_a_rule_is_a_function_of_the_engine_with_its_numbers(each):
-    for where in each.where:
-        assert inspect.isfunction(_function(where))
+    assert inspect.isfunction(_function(each.where))
     modules = [m for name, m in sys.modules.items() if name.startswith(ENGINE)]
     for name in each.numbers:
         assert any(hasattr(m, name) for m in modules) or name == "tier", name
@@ -53,14 +53,12 @@ def test_names_are_told_once():
 
 @EACH
 def test_without_a_rule_all_modules_have_the_substitute_and_then_the_rule_again(each):
-    own = {where: _function(where) for where in each.where}
+    own, name = _function(each.where), each.where.split(":")[1]
     with without(each):
-        assert all(_function(where) is not own[where] for where in own)
-        for where, function in own.items():
-            name = where.split(":")[1]
-            for module in [m for n, m in sys.modules.items() if n.startswith(ENGINE)]:
-                assert vars(module).get(name) is not function, module.__name__
-    assert {where: _function(where) for where in each.where} == own
+        assert _function(each.where) is not own
+        for module in [m for n, m in sys.modules.items() if n.startswith(ENGINE)]:
+            assert vars(module).get(name) is not own, module.__name__
+    assert _function(each.where) is own
 
 
 def test_who_imported_a_function_gets_its_substitute():

@@ -1,0 +1,333 @@
+"""The rules that decide what a diagnosis says of a driven machine, with their numbers."""
+
+from __future__ import annotations
+
+from experiments.ablation.gates import (
+    INF,
+    Gate,
+    all_kept,
+    by_mean_alone,
+    changed,
+    confirmed_without,
+    directions_alone,
+    doubt_none,
+    first_of_ties,
+    fixed,
+    given,
+    in_all,
+    numbers,
+    one_ratio,
+    one_truth,
+    something,
+    went,
+)
+
+CRITERIA, COMPETITION = "selection.criteria", "selection.competition"
+FORWARD, ALTERNATIVES = "selection.forward_selection", "selection.alternatives"
+NULL, PAIRED, SCORED = "evidence.null_distribution", "evidence.paired_gains", "evidence.scored"
+NEEDED = f"{CRITERIA}:needed"
+ASKED = (1.0, 1.8, 3.0)
+"""Standard errors that anything of the engine asks for."""
+
+GATES = (
+    Gate(
+        "significant",
+        "windows gain by more standard errors than chance",
+        ("SIGNIFICANT", "BESIDE"),
+        NEEDED,
+        doubt_none,
+    ),
+    Gate(
+        "beside",
+        "held-out windows need fewer standard errors beside known effects",
+        ("BESIDE",),
+        NEEDED,
+        numbers(BESIDE=1.0),
+    ),
+    Gate(
+        "evidence",
+        "held-out windows gain by a likelihood ratio",
+        ("EVIDENCE",),
+        NEEDED,
+        numbers(EVIDENCE=-INF),
+    ),
+    Gate(
+        "several in place of one",
+        "significant, evidence, strong and rare together, in place of one likelihood ratio by the number of candidates",
+        (),
+        NEEDED,
+        one_ratio,
+    ),
+    Gate(
+        "strong",
+        "large gains in few windows count though their mean is uncertain",
+        ("STRONG", "BALANCE"),
+        f"{PAIRED}:strong",
+        fixed(False),
+    ),
+    Gate(
+        "rare",
+        "what acts in several windows that stand out counts though the mean hardly moves",
+        ("SEVERAL", "ORDINARY", "OUTLYING", "CLEARLY"),
+        f"{PAIRED}:rare",
+        fixed(False),
+    ),
+    Gate(
+        "by ranks",
+        "gains count by their ranks too",
+        (),
+        f"{PAIRED}:deviations",
+        by_mean_alone,
+        lambda answer, gain: any((answer > x) != (by_mean_alone(None, gain) > x) for x in ASKED),
+    ),
+    Gate(
+        "named",
+        "parameters differ from where the effect vanishes",
+        ("NAMED",),
+        f"{CRITERIA}:named",
+        fixed(True),
+    ),
+    Gate(
+        "moves",
+        "a further effect moves predictions by a share of the error",
+        ("SMALL",),
+        f"{CRITERIA}:moves",
+        fixed(True),
+    ),
+    Gate(
+        "tie",
+        "slight differences of loss are ties",
+        ("TIE",),
+        f"{SCORED}:clearly_worse",
+        numbers(TIE=0.0),
+    ),
+    Gate(
+        "simplest of ties",
+        "of candidates that tie the simplest is chosen",
+        (),
+        f"{CRITERIA}:choose",
+        first_of_ties,
+    ),
+    Gate(
+        "tier",
+        "of candidates that tie the more direct explanation is chosen",
+        ("tier",),
+        f"{CRITERIA}:choose",
+        directions_alone,
+    ),
+    Gate(
+        "hopeful",
+        "candidates that gain less than half of the best are fitted no further",
+        ("FEW",),
+        f"{SCORED}:hopeful",
+        all_kept,
+    ),
+    Gate(
+        "hopeless",
+        "no second effect is looked for where screening promises little",
+        ("HOPELESS",),
+        f"{COMPETITION}:hopeless",
+        lambda _own, _s, screened, _before: not screened,
+    ),
+    Gate(
+        "loud",
+        "one joint's loss alone keeps a search going",
+        ("LOUD",),
+        f"{COMPETITION}:only_noise",
+        numbers(LOUD=INF),
+    ),
+    Gate(
+        "quiet",
+        "a mean loss a little above that of noise is noise",
+        ("QUIET",),
+        f"{COMPETITION}:only_noise",
+        numbers(QUIET=1.0),
+    ),
+    Gate(
+        "standing out",
+        "several windows that stand out keep a search going",
+        ("SEVERAL",),
+        f"{COMPETITION}:only_noise",
+        numbers(SEVERAL=10**9),
+    ),
+    Gate(
+        "at the floor",
+        "a search ends at what a true hypothesis would leave, by simulation",
+        ("SETTLED",),
+        f"{COMPETITION}:at_floor",
+        fixed(False),
+        something,
+    ),
+    Gate(
+        "pairs",
+        "second effects are tried beside several first ones",
+        ("LEAVES_MUCH",),
+        f"{FORWARD}:_second_round",
+        lambda _own, _s, chosen, _beam: (chosen.fit, [chosen]),
+        lambda answer, _s, chosen, _beam: answer[0] is not chosen.fit,
+    ),
+    Gate(
+        "every joint",
+        "friction, damping and rotor inertia are tried in every joint at once",
+        ("AFTER", "HALF"),
+        "selection.all_joints:everywhere",
+        given(1),
+        changed(1),
+    ),
+    Gate(
+        "pruned",
+        "effects that later ones make needless go",
+        ("WEAKEST",),
+        "selection.backward_elimination:prune",
+        given(1),
+        changed(1),
+    ),
+    Gate(
+        "exchanged",
+        "an effect gives way to an alternative that predicts better",
+        ("EXCHANGES",),
+        f"{ALTERNATIVES}:better_rival",
+        fixed(None),
+    ),
+    Gate(
+        "seen from itself",
+        "the nearest alternative is compared under its own noise too",
+        (),
+        f"{ALTERNATIVES}:_seen_from_itself",
+        given(3),
+        lambda answer, _s, _best, _term, rivals: answer is not rivals,
+    ),
+    Gate(
+        "richer",
+        "laws that contain a plain friction are fitted from where it stands",
+        ("RICHER", "SETTLED"),
+        f"{ALTERNATIVES}:_richer",
+        fixed([]),
+        lambda answer, *_: bool(answer),
+    ),
+    Gate(
+        "contained",
+        "a law that contains the chosen one is no tie",
+        (),
+        f"{ALTERNATIVES}:_contains",
+        fixed(False),
+    ),
+    Gate(
+        "common",
+        "an added mass may tie with a direction more",
+        ("COMMON",),
+        f"{ALTERNATIVES}:_compare",
+        numbers(COMMON=0),
+    ),
+    Gate(
+        "same in principle",
+        "effects that no motion tells apart tie always",
+        (),
+        "evidence.same_in_principle:same",
+        fixed(False),
+    ),
+    Gate(
+        "longer windows",
+        "where nothing was found or something is left, longer windows are looked at",
+        ("WORTH_ANOTHER_LOOK",),
+        "selection.procedure:_on_longer_windows",
+        lambda _own, _p, _s, f, _say: (f, {}),
+        lambda answer, _p, _s, f, _say: answer[0] is not f,
+    ),
+    Gate(
+        "chosen by others",
+        "effects that recordings for choosing do not gain by go",
+        ("BEYOND",),
+        "selection.confirmation:confirmed",
+        confirmed_without("choice"),
+        went("choice"),
+    ),
+    Gate(
+        "tested",
+        "effects that test recordings do not gain by go",
+        ("BEYOND",),
+        "selection.confirmation:confirmed",
+        confirmed_without("test"),
+        went("test"),
+    ),
+    Gate(
+        "structure",
+        "an excess below that is none",
+        ("EXCESS",),
+        f"{NULL}:Floor.exceeded",
+        numbers(EXCESS=0.0),
+    ),
+    Gate(
+        "doubt",
+        "an excess within so many standard errors is none",
+        ("DOUBT",),
+        f"{NULL}:Floor.exceeded",
+        lambda own, floor, losses, *_doubt: own(floor, losses, 0.0),
+    ),
+    Gate(
+        "far windows",
+        "several windows far beyond the floor are more than noise",
+        ("BEYOND_NOISE",),
+        f"{NULL}:Floor.far",
+        fixed(False),
+    ),
+    Gate(
+        "joint by joint",
+        "one degree of freedom may show more than the floor by itself",
+        ("WINDOWS_BY_JOINT",),
+        f"{NULL}:Floor.beyond",
+        in_all,
+    ),
+    Gate(
+        "finer steps",
+        "with contacts the floor is that of finer steps where it is higher",
+        (),
+        f"{NULL}:floor",
+        one_truth,
+        lambda _answer, p, *_args, **_options: bool(p.ctx.contacts),
+    ),
+    Gate(
+        "other starts",
+        "what strikes may start elsewhere within its uncertainty",
+        ("ORDINARY", "MOST"),
+        "estimation.initial_states:settled",
+        given(2),
+        lambda answer, _sim, _f, w, *_args, **_options: answer is not w,
+    ),
+    Gate(
+        "too far from nothing",
+        "a large error is not nothing, whatever the search found",
+        ("FAR",),
+        "verdict.judgement:too_far",
+        fixed(False),
+    ),
+    Gate(
+        "slight",
+        "a slight share of the squared error that is left is told beside the effects",
+        ("SLIGHT", "CLEAR"),
+        "verdict.judgement:matters",
+        fixed(True),
+    ),
+)
+
+
+def gate(name: str) -> Gate:
+    """The gate of that name; ValueError where there is none."""
+    for each in GATES:
+        if each.name == name:
+            return each
+    raise ValueError(f"there is no rule {name!r} (there are: {', '.join(g.name for g in GATES)})")
+
+
+WORK = {
+    "selection.all_joints": ("ITERATIONS",),
+    "selection.competition": ("KEEP", "KEEP_OF_MANY"),
+    "selection.confirmation": ("ITERATIONS",),
+    "selection.forward_selection": ("REST",),
+    "selection.procedure": ("REFINED",),
+    "selection.search_state": ("MANY", "WORK"),
+    "selection.setup": ("POOL", "FEWEST_ROWS"),
+    "evidence.null_distribution": ("SEGMENT", "ALL"),
+    "evidence.same_in_principle": ("PARALLEL",),
+}
+"""Numbers of the rooms that decide which are no rule: how much is tried or shown (candidates, windows, iterations)."""
