@@ -6,7 +6,6 @@ or the same with another number.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mpge_jax.diagnosis.evidence.held_out_error import fit_report
-from mpge_jax.diagnosis.evidence.paired_gains import deviations, standard_error
+from mpge_jax.diagnosis.evidence.likelihood_ratio import by_scatter, standard_error
 
 Own = Callable[..., Any]
 INF = float("inf")
@@ -67,6 +66,15 @@ def given(number: int) -> Own:
 def changed(number: int) -> Callable[..., bool]:
     """Whether the answer is another hypothesis than the argument with that number."""
     return lambda answer, *args, **_options: answer.hypothesis != args[number].hypothesis
+
+
+def within(low: float, high: float, off: Own) -> Callable[..., bool]:
+    """Whether a number that nothing asks for more exactly below `low` and above `high` is another one with `off`."""
+
+    def acted(answer: float, *args: Any, **options: Any) -> bool:
+        return bool(np.clip(answer, low, high) != np.clip(off(None, *args, **options), low, high))
+
+    return acted
 
 
 def something(answer: Any, *_args: Any, **_options: Any) -> bool:
@@ -122,15 +130,11 @@ def first_of_ties(own: Own, s: Any, ranked: list[Any], *rest: Any) -> Any:
     return next((r for r in ranked if named(s, r.fit, *rest)), ranked[0])
 
 
-def doubt_none(own: Own, new: Any, old: Any, *_doubt: Any, **_options: Any) -> bool:
-    return own(new, old, -INF)
+def half_the_sum(_own: Own | None, gain: np.ndarray) -> float:
+    """The logarithm of a likelihood ratio as if a window were one observation."""
+    return 0.5 * float(gain.sum())
 
 
-def one_ratio(_own: Own, new: Any, old: Any, doubt: float = 3.0) -> bool:
-    """Whether held-out windows gain by a likelihood ratio of 20 to 1, for each of a hundred candidates where one of
-    them was chosen (`doubt` of 3), less where gains scatter more than such a ratio's do."""
-    held = old.held - new.held
-    ratio = 0.5 * float((old.by_joint - new.by_joint)[old.train.size :].sum())
-    # a gain of twice the ratio has a variance of four times as much where windows scatter by noise alone
-    by_scatter = 2.0 * max(deviations(held), 0.0) ** 2
-    return min(ratio, by_scatter) > math.log(20.0) + (math.log(100.0) if doubt >= 3.0 else 0.0)
+def scatter_alone(_own: Own | None, gain: np.ndarray) -> float:
+    """The logarithm of a likelihood ratio by how windows scatter, however slight their gains are."""
+    return by_scatter(gain if gain.ndim == 1 else gain.sum(1))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from experiments.ablation.gates import (
     INF,
     Gate,
@@ -10,75 +12,65 @@ from experiments.ablation.gates import (
     changed,
     confirmed_without,
     directions_alone,
-    doubt_none,
     first_of_ties,
     fixed,
     given,
+    half_the_sum,
     in_all,
     numbers,
-    one_ratio,
     one_truth,
+    scatter_alone,
     something,
     went,
+    within,
 )
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE
 
 CRITERIA, COMPETITION = "selection.criteria", "selection.competition"
 FORWARD, ALTERNATIVES = "selection.forward_selection", "selection.alternatives"
-NULL, PAIRED, SCORED = "evidence.null_distribution", "evidence.paired_gains", "evidence.scored"
-NEEDED = f"{CRITERIA}:needed"
-ASKED = (1.0, 1.8, 3.0)
-"""Standard errors that anything of the engine asks for."""
+NULL, RATIO, SCORED = "evidence.null_distribution", "evidence.likelihood_ratio", "evidence.scored"
+ASKED = (SURE, SURE + 2.0 * math.log(500.0))
+"""Between which values anything asks for the logarithm of a likelihood ratio: pairs of up to 500 effects."""
+NEEDED, LOG_RATIO = f"{CRITERIA}:needed", f"{RATIO}:log_ratio"
 
 GATES = (
     Gate(
-        "significant",
-        "windows gain by more standard errors than chance",
-        ("SIGNIFICANT", "BESIDE"),
+        "sure",
+        "an effect is needed if held-out windows gain by a likelihood ratio",
+        ("SURE",),
         NEEDED,
-        doubt_none,
+        fixed(True),
     ),
     Gate(
-        "beside",
-        "held-out windows need fewer standard errors beside known effects",
-        ("BESIDE",),
-        NEEDED,
-        numbers(BESIDE=1.0),
-    ),
-    Gate(
-        "evidence",
-        "held-out windows gain by a likelihood ratio",
-        ("EVIDENCE",),
-        NEEDED,
-        numbers(EVIDENCE=-INF),
-    ),
-    Gate(
-        "several in place of one",
-        "significant, evidence, strong and rare together, in place of one likelihood ratio by the number of candidates",
+        "chosen of many",
+        "that ratio is larger the more candidates there were",
         (),
         NEEDED,
-        one_ratio,
+        lambda own, new, old, *_choices: own(new, old),
     ),
     Gate(
-        "strong",
-        "large gains in few windows count though their mean is uncertain",
-        ("STRONG", "BALANCE"),
-        f"{PAIRED}:strong",
-        fixed(False),
+        "by scatter",
+        "a likelihood ratio is told by how windows scatter",
+        (),
+        LOG_RATIO,
+        half_the_sum,
+        within(*ASKED, half_the_sum),
     ),
     Gate(
-        "rare",
-        "what acts in several windows that stand out counts though the mean hardly moves",
-        ("SEVERAL", "ORDINARY", "OUTLYING", "CLEARLY"),
-        f"{PAIRED}:rare",
-        fixed(False),
+        "by size",
+        "gains that are slight in all say nothing, however regular they are",
+        (),
+        LOG_RATIO,
+        scatter_alone,
+        within(*ASKED, scatter_alone),
     ),
     Gate(
         "by ranks",
         "gains count by their ranks too",
         (),
-        f"{PAIRED}:deviations",
+        f"{RATIO}:deviations",
         by_mean_alone,
-        lambda answer, gain: any((answer > x) != (by_mean_alone(None, gain) > x) for x in ASKED),
+        within(1.0, ASKED[1], by_mean_alone),
     ),
     Gate(
         "named",
@@ -96,10 +88,10 @@ GATES = (
     ),
     Gate(
         "tie",
-        "slight differences of loss are ties",
-        ("TIE",),
+        "what the ratio does not tell apart is a tie",
+        ("SURE",),
         f"{SCORED}:clearly_worse",
-        numbers(TIE=0.0),
+        numbers(SURE=0.0),
     ),
     Gate(
         "simplest of ties",
@@ -146,7 +138,7 @@ GATES = (
     Gate(
         "standing out",
         "several windows that stand out keep a search going",
-        ("SEVERAL",),
+        ("SEVERAL", "ORDINARY", "OUTLYING", "CLEARLY"),
         f"{COMPETITION}:only_noise",
         numbers(SEVERAL=10**9),
     ),
@@ -237,7 +229,7 @@ GATES = (
     Gate(
         "chosen by others",
         "effects that recordings for choosing do not gain by go",
-        ("BEYOND",),
+        ("SURE",),
         "selection.confirmation:confirmed",
         confirmed_without("choice"),
         went("choice"),
@@ -245,7 +237,7 @@ GATES = (
     Gate(
         "tested",
         "effects that test recordings do not gain by go",
-        ("BEYOND",),
+        ("SURE",),
         "selection.confirmation:confirmed",
         confirmed_without("test"),
         went("test"),

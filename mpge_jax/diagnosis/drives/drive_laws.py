@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.step import Fields, Step
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.evidence.paired_gains import rare, strong
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, log_ratio
 from mpge_jax.diagnosis.machine.model import clipped, is_joint_transmission
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import stroke
@@ -279,21 +279,10 @@ def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: 
         before = _robust(before, reference)
         field_ = sorted(((f, _robust(b, reference)) for f, b in field_), key=lambda x: x[1].mean())
         top = field_[0]
-        tied = [
-            x for x in field_
-            if (x[1] - top[1]).mean() <= max(2 * (x[1] - top[1]).std() / np.sqrt(x[1].size), 0.01 * top[1].mean())
-        ]  # fmt: skip
+        tied = [x for x in field_ if log_ratio(x[1] - top[1]) <= SURE]
         chosen, after = min(tied, key=lambda x: (x[0].theta.size, _tier(x[0]), x[1].mean()))
-        gain = before - after
-        error = gain.std() / np.sqrt(max(gain.size - 1, 1))
-        if gain.mean() < 3 * error or gain.mean() < 0.05 * before.mean():
-            first, second = (
-                _robust(blocks_of(residual(model, ctx, f, a, d.train, d), d.train), reference)
-                for f in (current, chosen)
-            )
-            worse, better = np.concatenate([first, before]), np.concatenate([second, after])
-            if not (strong(gain, worse - better) or rare(worse, better, fitted=first.size)):
-                return current
+        if log_ratio(before - after) <= SURE + np.log(len(field_)):
+            return current
         old, new = (residual(model, ctx, f, a, d.held, d) for f in (current, chosen))
         if _is_detail(old * d.sigma, new * d.sigma, d.held, float(ctx.drive[a]), float(model.opt.timestep)):
             return current

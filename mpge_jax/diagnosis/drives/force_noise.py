@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.drives.command_to_force import MOVING, ActuatorSide
 from mpge_jax.diagnosis.drives.drive_laws import BLOCK_S, log_of, predict
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import robust_loss, whitener
-from mpge_jax.diagnosis.evidence.paired_gains import deviations
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, log_ratio
 from mpge_jax.diagnosis.machine.model import has_plain_law
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
@@ -30,8 +30,8 @@ SLIGHT = 1e-4
 """Share of a motor's largest forces below which their noise does not matter."""
 SHIFTED = 5.0
 """Deviations by which the mean of a stretch must differ for its forces to be taken as measured all the same."""
-WINDOWS, WORSE = 40, 2.0
-"""Windows in which the machine is driven in both ways, and deviations by which the law's forces may fit them worse."""
+WINDOWS = 40
+"""Windows in which the machine is driven in both ways."""
 
 
 def freed(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
@@ -116,4 +116,4 @@ def _worse(measured: Prepared, laws: Prepared) -> bool:
         robust_loss(white.excess(white(measured.sim.residuals([Run(h, theta)], x))[0]))
         for x in (w, w.driven_by(laws.train))
     ]
-    return deviations(losses[1] - losses[0]) > WORSE
+    return log_ratio(losses[1] - losses[0]) > SURE

@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.estimation.whitening import (
     robust_loss,
     whitener,
 )
-from mpge_jax.diagnosis.evidence.paired_gains import SEVERAL
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SEVERAL
 from mpge_jax.diagnosis.machine.joint_space import integrate
 from mpge_jax.diagnosis.machine.model import compile_variable, has_plain_law
 from mpge_jax.diagnosis.recordings.noise_level import column_noise

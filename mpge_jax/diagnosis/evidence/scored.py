@@ -10,13 +10,11 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
-from mpge_jax.diagnosis.evidence.paired_gains import rare, standard_error
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, log_ratio
 
 Array = np.ndarray
 FEW = 3
 """Families of candidates that are fitted further however far they lag behind the best."""
-TIE = 0.03
-"""Differences of relative loss below this are ties, whatever their standard error."""
 
 
 @dataclass
@@ -67,15 +65,14 @@ class Rival:
     """An alternative to one term: the losses tell by how much it is worse.
 
     Attributes:
-        term: what replaces it. fit: the whole hypothesis with it. margin, error: mean difference of the losses and
-        its standard error. tied: whether the data cannot tell the two apart. better: whether it predicts clearly
+        term: what replaces it. fit: the whole hypothesis with it. margin: logarithm of the likelihood ratio by which
+        it is worse. tied: whether the data cannot tell the two apart. better: whether it predicts clearly
         better than the term.
     """
 
     term: Term
     fit: Fitted
     margin: float
-    error: float
     why_not: str
     tied: bool = False
     better: bool = False
@@ -116,13 +113,16 @@ def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
     return top
 
 
+def evidence(a: Scored, b: Scored) -> float:
+    """Logarithm of the likelihood ratio of `a` to `b`, by all windows."""
+    return log_ratio(b.by_joint - a.by_joint)
+
+
+def held_out_evidence(a: Scored, b: Scored) -> float:
+    """The same by windows that neither was fitted to."""
+    return log_ratio((b.by_joint - a.by_joint)[a.train.size :])
+
+
 def clearly_worse(a: Scored, best: Scored) -> bool:
-    """Whether `a` loses to the best by more than a tie, and that by two standard errors (paired by window), or misses
-    what acts rarely."""
-    d = a.losses - best.losses
-    return bool(d.mean() > max(TIE, 2.0 * standard_error(d))) or misses(a, best)
-
-
-def misses(a: Scored, best: Scored) -> bool:
-    """Whether `a` leaves what acts rarely and `best` explains."""
-    return best.factor == 1.0 and rare(a.losses, best.losses, best.train.size)
+    """Whether `a` loses to the best beyond doubt."""
+    return evidence(best, a) > SURE

@@ -9,14 +9,13 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE
 from mpge_jax.diagnosis.force_balance.bank import Bank, Entry, hypothesis_of
 from mpge_jax.diagnosis.force_balance.gram import Weighted
 
 Array = np.ndarray
 LEAST = 0.2
 """Share of the squared error that must go with an effect at the actuator where it takes away most."""
-SURE = 3.0
-"""Logarithm of the likelihood ratio (20 to 1) from which on one of two hypotheses is the better one."""
 CLEAR = 2.0
 """Standard deviations from which on what other joints have too is seen at this one."""
 ELSEWHERE, TAKEN_UP = 2, 3.0

@@ -9,18 +9,15 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual import INPUTS, Residual
-from mpge_jax.diagnosis.evidence.paired_gains import deviations
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, by_scatter
 
 Array = np.ndarray
 STRENGTHS = 10.0 ** np.arange(-6.0, 2.5)
 """Weights of the penalty that are tried, in units of the mean information of a value."""
 SMALL = 0.01
 """Weight of the values themselves beside that of their second differences."""
-SURE, TIE = 2.0, 0.01
-"""Standard errors by which a plainer function must predict worse than the best not to be taken, and share of what that
-one explains that is no matter."""
-BEYOND = 1.0
-"""Standard errors by which a function must predict better than none."""
+TIE = 0.01
+"""Share of what the best function explains by which a plainer one may explain less."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +125,7 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
         return None
     nothing = {id(b): b.weight * b.whole for _, _, b in candidates}
     choices = [(_smoothed(*c, fold), nothing[id(c[2])]) for c in candidates]
-    choices = [(c, none) for c, none in choices if deviations(none - c.left) > BEYOND]
+    choices = [(c, none) for c, none in choices if by_scatter(none - c.left) > SURE]
     if not choices:
         return None
     gains = [float((none - c.left).sum()) for c, none in choices]
@@ -136,7 +133,7 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
     near = [
         c
         for (c, _), gain in zip(choices, gains, strict=True)
-        if gain > (1.0 - TIE) * most or deviations(c.left - best.left) < SURE
+        if gain > (1.0 - TIE) * most or by_scatter(c.left - best.left) <= SURE
     ]
     return min(near, key=lambda c: (len(c.effect.axes), [list(INPUTS).index(a.input) for a in c.effect.axes]))
 

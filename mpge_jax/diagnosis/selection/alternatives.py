@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -9,13 +11,13 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.screening import starts_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener
-from mpge_jax.diagnosis.evidence.paired_gains import EVIDENCE, standard_error
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, odds
 from mpge_jax.diagnosis.evidence.rigid_equivalence import same_body
 from mpge_jax.diagnosis.evidence.same_in_principle import same
-from mpge_jax.diagnosis.evidence.scored import TIE, Rival, Scored, hopeful, misses
+from mpge_jax.diagnosis.evidence.scored import Rival, Scored, evidence, hopeful
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.selection.competition import KEEP_OF_MANY, SETTLED
-from mpge_jax.diagnosis.selection.criteria import SIGNIFICANT, named
+from mpge_jax.diagnosis.selection.criteria import named, needed
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
 
@@ -100,7 +102,7 @@ def _seen_from_itself(s: Search, best: Scored, term: Term, rivals: list[Rival]) 
     """The same, with the leading rival, if it is not clearly better, compared under its own whitening: around a
     hypothesis that misses what it explains, sigma is enlarged, and starts take up the rest."""
     lead = next(
-        (r for r in rivals if r.margin < -TIE and named(s, r.fit, best.fit.hypothesis.without(term))), None
+        (r for r in rivals if r.margin < 0.0 and named(s, r.fit, best.fit.hypothesis.without(term))), None
     )
     if lead is None or lead.better:
         return rivals
@@ -185,34 +187,27 @@ def _one_each(rivals: list[Rival]) -> list[Rival]:
 
 
 def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) -> Rival:
-    d = rival.losses - best.losses
-    margin, error = float(d.mean()), standard_error(d)
+    margin = evidence(best, rival)
     told_apart = named(s, rival.fit, best.fit.hypothesis.without(term))
-    if told_apart and margin < -max(SIGNIFICANT * error, TIE) and (best.held - rival.held).sum() > EVIDENCE:
-        return Rival(other, rival.fit, margin, error, "it predicts better, but less simply", better=True)
-    if margin > max(2.0 * error, TIE):
-        return Rival(
-            other, rival.fit, margin, error, f"it predicts worse, by {margin / error:.0f} standard errors"
-        )
-    if misses(rival, best):
-        return Rival(
-            other, rival.fit, margin, error, "it misses the few moments at which something is missing"
-        )
+    if told_apart and needed(rival, best, float(np.log(len(s.terms)))):
+        return Rival(other, rival.fit, margin, "it predicts better, but less simply", better=True)
+    if margin > SURE:
+        return Rival(other, rival.fit, margin, f"it predicts worse ({odds(margin)} against it)")
     if same_body(s.sim.ctx, term, other):
-        return Rival(other, rival.fit, margin, error, "it is the same rigid body under another name")
+        return Rival(other, rival.fit, margin, "it is the same rigid body under another name")
     if same(s.sim.ctx, term, other) and told_apart:
         return Rival(
-            other, rival.fit, margin, error, "no recording of this machine can tell the two apart", tied=True
+            other, rival.fit, margin, "no recording of this machine can tell the two apart", tied=True
         )
     if _contains(rival.fit, best.fit.hypothesis.without(term), term):
         why = f"it contains {term.name.replace('_', ' ')} as a special case and gains nothing by its further parameters"
-        return Rival(other, rival.fit, margin, error, why)
+        return Rival(other, rival.fit, margin, why)
     if other.effect.tier > term.effect.tier:
         why = "it fits as well, but is the less direct explanation"
-        return Rival(other, rival.fit, margin, error, why)
+        return Rival(other, rival.fit, margin, why)
     if not told_apart:
-        return Rival(other, rival.fit, margin, error, "the data do not determine its parameters")
+        return Rival(other, rival.fit, margin, "the data do not determine its parameters")
     extra = COMMON if other.name == "payload_mass" else 0
     if rival.directions > best.directions + extra:
-        return Rival(other, rival.fit, margin, error, "it needs more free parameters for the same fit")
-    return Rival(other, rival.fit, margin, error, "the data cannot tell the two apart", tied=True)
+        return Rival(other, rival.fit, margin, "it needs more free parameters for the same fit")
+    return Rival(other, rival.fit, margin, "the data cannot tell the two apart", tied=True)

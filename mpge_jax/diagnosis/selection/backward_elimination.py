@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit, gauss_newton_shift, timing_error
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, Whitener, numerics, whitener
-from mpge_jax.diagnosis.selection.criteria import BESIDE, SIGNIFICANT, moves, needed, strength
+from mpge_jax.diagnosis.selection.criteria import moves, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -34,7 +34,7 @@ def prune(s: Search, current: Fitted) -> Fitted:
         scored = s.score([*smaller, current], whites)
         weakest = min(scored[:-1], key=lambda r: r.losses.mean())
         # what was once accepted needs less to stay
-        if needed(scored[-1], weakest, doubt=BESIDE * SIGNIFICANT) and moves(s, current, weakest.fit):
+        if needed(scored[-1], weakest) and moves(s, current, weakest.fit):
             return current
         s.log.append(f"removed: {current.hypothesis} -> {weakest.fit.hypothesis}")
         current = weakest.fit

@@ -9,7 +9,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
-from mpge_jax.diagnosis.evidence.paired_gains import SEVERAL, stand_out
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SEVERAL, stand_out
 from mpge_jax.diagnosis.evidence.scored import Scored, hopeful, with_simpler
 from mpge_jax.diagnosis.selection.remainder import remainder
 from mpge_jax.diagnosis.selection.search_state import Search

@@ -10,18 +10,16 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report, judged
-from mpge_jax.diagnosis.evidence.paired_gains import deviations
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, by_scatter
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
 
-BEYOND = 1.0
-"""Standard errors by which an effect must lower the error, in the unit that is shown."""
 ITERATIONS = 4
 
 
 def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, FitReport, list[Term]]:
     """The fit without the effects that do not make one part's recordings better predicted, over windows of the reported
-    length, by more than its uncertainty; with its errors there, and those effects.
+    length, beyond doubt; with its errors there, and those effects.
 
     One is taken away at a time, as others may stand in for it, and the others are fitted again. What is left must then
     predict better than the model as given, or all of it goes.
@@ -31,12 +29,12 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
         report = fit_report(p, f, part)
         if not f.hypothesis.terms:
             return f, report, gone
-        sure = {t: _sureness(e, report.after) for t, e in errors_without(p, f, report).items()}
+        sure = {t: _evidence(e, report.after) for t, e in errors_without(p, f, report).items()}
         weakest = min(sure, key=lambda t: sure[t])
-        if sure[weakest] <= BEYOND:
+        if sure[weakest] <= SURE:
             gone.append(weakest)
             f = _refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
-        elif _sureness(report.before, report.after) <= BEYOND:
+        elif _evidence(report.before, report.after) <= SURE:
             gone += f.hypothesis.terms
             f = NOTHING
         else:
@@ -44,16 +42,15 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
 
 
 def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
-    """Whether recordings that only choose are predicted better, over windows of the reported length, by more than the
-    uncertainty of that."""
+    """Whether recordings that only choose are predicted better, over windows of the reported length, beyond doubt."""
     w = judged(p, "choice")
-    return _sureness(*(errors(p.sim, f, w, p.noise) for f in (old, new))) > BEYOND
+    return _evidence(*(errors(p.sim, f, w, p.noise) for f in (old, new))) > SURE
 
 
-def _sureness(without: Errors, after: Errors) -> float:
-    """Standard errors by which squared errors of windows fall with what the former lack."""
+def _evidence(without: Errors, after: Errors) -> float:
+    """Logarithm of the likelihood ratio by which squared errors of windows fall with what the former lack."""
     gain = without.window**2 - after.window**2
-    return deviations(gain) if gain.size > 1 else float(np.sign(gain.sum()) * np.inf)
+    return by_scatter(gain) if gain.size > 1 else float(np.sign(gain.sum()) * np.inf)
 
 
 def _refitted(s: Search, f: Fitted) -> Fitted:

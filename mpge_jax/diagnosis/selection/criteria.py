@@ -7,21 +7,16 @@ from scipy.stats import chi2, norm
 
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.evidence.paired_gains import EVIDENCE, deviations, strong
-from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, misses
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE
+from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, held_out_evidence
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 
-SIGNIFICANT = 3.0
-"""Standard errors by which an effect must improve windows that it was not fitted to."""
 SMALL = 0.02
 """Share of the nominal error by which a further effect must move predictions; less is detail of what is known
 (friction law, timestep, integrator), which a wrong effect can imitate."""
 NAMED = 4.0
 """Deviations by which a contrast must differ from its value at null."""
-BESIDE = 0.6
-"""Share of the standard errors that windows which nothing was fitted to need beside effects that are known: what is
-still missing dominates them."""
 
 
 def choose(s: Search, ranked: list[Scored], without: Hypothesis = Hypothesis()) -> Scored:  # noqa: B008
@@ -34,25 +29,18 @@ def choose(s: Search, ranked: list[Scored], without: Hypothesis = Hypothesis()) 
 def accept(s: Search, new: Scored, old: Scored) -> bool:
     """Whether the new terms improve held-out windows beyond doubt, and their parameters differ from null."""
     first = not old.fit.hypothesis.terms
+    further = len(new.fit.hypothesis.terms) - len(old.fit.hypothesis.terms)
     return (
-        needed(new, old) and named(s, new.fit, old.fit.hypothesis) and (first or moves(s, new.fit, old.fit))
+        needed(new, old, further * float(np.log(len(s.terms))))
+        and named(s, new.fit, old.fit.hypothesis)
+        and (first or moves(s, new.fit, old.fit))
     )
 
 
-def needed(new: Scored, old: Scored, doubt: float = SIGNIFICANT) -> bool:
-    """Whether held-out windows are predicted better with the terms that `new` has and `old` lacks.
-
-    Windows tell whether a gain is an accident. How much it is, each joint of each window tells: in a machine of many
-    joints a term that one of them needs changes the mean over all but little.
-    """
-    gain, total = old.held - new.held, old.losses - new.losses
-    each = old.by_joint - new.by_joint
-    first = not old.fit.hypothesis.terms
-    beyond = deviations(gain) > (doubt if first else BESIDE * doubt) and deviations(total) > doubt
-    if misses(old, new):
-        return True
-    evidence = each[old.train.size :].sum() > EVIDENCE
-    return bool((beyond and evidence) or strong(gain, total))
+def needed(new: Scored, old: Scored, choices: float = 0.0) -> bool:
+    """Whether held-out windows are predicted better with the terms that `new` has and `old` lacks; `choices`: the
+    logarithm of the number of hypotheses among which `new` was the best."""
+    return held_out_evidence(new, old) > SURE + choices
 
 
 def moves(s: Search, new: Fitted, old: Fitted) -> bool:

@@ -12,11 +12,11 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
 from mpge_jax.diagnosis.evidence.held_out_error import left_out
+from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, by_scatter, odds
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank
 from mpge_jax.diagnosis.force_balance.force_errors import ROWS, ForceErrors, errors_of, force_errors, rms
-from mpge_jax.diagnosis.force_balance.force_search import SURE
 from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, fitted
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.residual.forces import residual_of_forces
@@ -26,8 +26,6 @@ from mpge_jax.diagnosis.verdict.result import Result
 Array = np.ndarray
 NOISE, FINE = 1.5, 0.01
 """Error of a force over that of noise, and over the force itself, up to which nothing is left."""
-BEYOND = 1.0
-"""Standard errors by which an effect must lower the error of unseen forces."""
 BESIDE = 0.3
 """Share of the worst joint's remainder from which on another joint is named beside it."""
 MOMENTS = 8
@@ -76,11 +74,10 @@ def _confirmed(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]
     while True:
         parts = fit.hypothesis.split(b.ctx, fit.theta)
         left = b.predicted(parts) - b.measured
-        gains = {t: _gain(b, _without(b, parts, t) - b.measured, left) for t in parts}
-        sure = {t: gain / max(error, 1e-300) for t, (gain, error) in gains.items()}
-        if not sure or min(sure.values()) > BEYOND:
+        gains = {t: _evidence(b, _without(b, parts, t) - b.measured, left) for t in parts}
+        if not gains or min(gains.values()) > SURE:
             return fit, needless
-        worst = min(sure, key=lambda t: sure[t])
+        worst = min(gains, key=lambda t: gains[t])
         needless.append(worst)
         fit = fitted(bank, {t: x for t, x in parts.items() if t != worst})
 
@@ -89,17 +86,16 @@ def _without(b: Balance, parts: dict[Term, Array], term: Term) -> Array:
     return b.predicted({t: x for t, x in parts.items() if t != term})
 
 
-def _gain(b: Balance, without: Array, left: Array) -> tuple[float, float]:
-    """By how much the squared error of forces falls with one effect, the others kept, in units of what is left of each
-    actuator's; and the standard error of that, from block to block.
+def _evidence(b: Balance, without: Array, left: Array) -> float:
+    """Logarithm of the likelihood ratio by which the squared error of forces falls with one effect, the others kept, in
+    units of what is left of each actuator's, block by block.
 
     Args:
         without, left: [N, nu] errors without the effect, and with all.
     """
     unit = np.maximum(rms(left), 1e-12 * rms(b.measured))
     blocks = np.bincount(b.block, np.nansum((without**2 - left**2) / unit**2, 1))
-    error = blocks.std(ddof=1) / np.sqrt(blocks.size) if blocks.size > 1 else np.inf
-    return float(blocks.mean()), float(error)
+    return by_scatter(blocks)
 
 
 def _drop(held: ForceErrors, f: Fitted, term: Term) -> float:
@@ -123,7 +119,7 @@ def _rivals(found: ForceDecision, fit: Fitted, term: Term) -> list[Rival]:
         f = fitted(s.bank, parts) if tied else _as_linear(found.balance, parts)
         if tied and other.term not in f.hypothesis.terms:
             tied = False
-        out.append(Rival(other.term, f, ratio, 0.0, _why_not(ratio, richer, tied), tied))
+        out.append(Rival(other.term, f, ratio, _why_not(ratio, richer, tied), tied))
     return out
 
 
@@ -140,7 +136,7 @@ def _why_not(ratio: float, richer: bool, tied: bool) -> str:
         return "predicts other stretches no better, and has more freedom to fit"
     if ratio < SURE:
         return "ends up as nothing when it is fitted with the others"
-    return f"predicts other stretches worse: its likelihood there is {np.exp(-min(ratio, 50.0)):.1g} times as large"
+    return f"predicts other stretches worse ({odds(ratio)} against it)"
 
 
 def _left(e: ForceErrors) -> tuple[bool, float]:

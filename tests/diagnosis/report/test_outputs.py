@@ -33,7 +33,7 @@ def test_forms_of_a_rival_are_one_entry_and_ties_win():
     elbow, wrist = Place("joint", "elbow", 0), Place("joint", "wrist", 1)
 
     def rival(name: str, place: Place, margin: float, tied: bool = False) -> Rival:
-        return Rival(Term(name, place), NOTHING, margin, 0.1, "", tied)
+        return Rival(Term(name, place), NOTHING, margin, "", tied)
 
     plain, gear = "load_dependent_friction", "load_dependent_friction:gear"
     rivals = [rival(gear, elbow, 0.1), rival(plain, elbow, 0.2), rival(plain, wrist, 0.3)]
@@ -155,7 +155,7 @@ def test_candidates_are_told_in_one_sentence():
         Fitted(Hypothesis.of(t), np.array([0.05]), np.zeros(1), np.array([[1e-8]])) for t in (friction, bias)
     ]
     payload = Term("payload_mass", Place("body", "arm", 1))
-    rival = Rival(bias, fits[1], 0.0, 0.1, "", True)
+    rival = Rival(bias, fits[1], 0.0, "", True)
     errors = SimpleNamespace(rms=0.1)
     d = SimpleNamespace(
         terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None,
@@ -174,7 +174,7 @@ def test_candidates_are_told_in_one_sentence():
     )
     # a name is written as in the model, but at the beginning of a sentence
     heavy = Fitted(Hypothesis.of(payload), np.full(4, 0.5), np.zeros(4), 1e-8 * np.eye(4))
-    d.rivals = {friction: [Rival(payload, heavy, 0.0, 0.1, "", True)]}
+    d.rivals = {friction: [Rival(payload, heavy, 0.0, "", True)]}
     assert "lacks, or arm carries" in explanation(d)
     d.terms, d.fit, d.rivals = (payload,), heavy, {}
     assert explanation(d).startswith("Arm carries")

@@ -15,12 +15,15 @@ from experiments.ablation.replaced import ENGINE, _function, alike, watched, wit
 from experiments.ablation.rules import GATES, WORK, gate
 from mpge_jax import diagnosis
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
-from mpge_jax.diagnosis.evidence import paired_gains, scored
+from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.evidence import likelihood_ratio, scored
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
+from mpge_jax.diagnosis.evidence.scored import Scored
 from mpge_jax.diagnosis.selection import all_joints, backward_elimination, criteria
 
 EACH = pytest.mark.parametrize("each", GATES, ids=lambda g: g.name)
 GAIN = np.array([0.1, 0.2, 0.1, 0.3, 40.0])
+BETTER_AND_WORSE = [Scored(NOTHING, np.full(10, x), np.full(10, x), 0, 0) for x in (1.0, 30.0)]
 
 
 @EACH
@@ -66,22 +69,22 @@ def test_who_imported_a_function_gets_its_substitute():
     with without(gate("moves")):
         assert criteria.moves(None, None, None)
         assert backward_elimination.moves(None, None, None)
-    with without(gate("significant")):
+    with without(gate("sure")):
         assert all_joints.needed is criteria.needed
 
 
 def test_a_number_is_another_one_within_the_function_alone():
-    off = numbers(STRONG=1e9)
-    assert paired_gains.strong(np.full(20, 2.0), np.full(40, 2.0))
-    assert not off(paired_gains.strong, np.full(20, 2.0), np.full(40, 2.0))
-    assert paired_gains.STRONG < 1e9
+    off, (new, old) = numbers(SURE=1e13), BETTER_AND_WORSE
+    assert criteria.needed(new, old)
+    assert not off(criteria.needed, new, old)
+    assert criteria.SURE < 1e13
 
 
 def test_gains_by_their_mean_alone():
     with without(gate("by ranks")):
-        by_mean = paired_gains.deviations(GAIN)
+        by_mean = likelihood_ratio.deviations(GAIN)
     assert by_mean == pytest.approx(GAIN.mean() / (GAIN.std(ddof=1) / np.sqrt(5)))
-    assert paired_gains.deviations(GAIN) > 2.0 > by_mean
+    assert likelihood_ratio.deviations(GAIN) > 2.0 > by_mean
 
 
 def test_methods_are_given_their_object():
@@ -96,13 +99,24 @@ def test_methods_are_given_their_object():
 
 
 def test_only_rules_that_changed_an_answer_have_acted():
-    better = SimpleNamespace(loss=1.0, hypothesis=Hypothesis())
+    one, (new, old) = SimpleNamespace(loss=1.0, hypothesis=Hypothesis()), BETTER_AND_WORSE
     with watched() as acted:
-        assert not paired_gains.strong(np.zeros(5), np.zeros(5))
-        assert scored.hopeful([better], 10.0) == [better]
+        assert criteria.needed(new, old)
+        assert scored.hopeful([one], 10.0) == [one]
         assert acted == set()
-        assert paired_gains.strong(np.full(20, 2.0), np.full(40, 2.0))
-    assert acted == {"strong"}
+        assert not criteria.needed(old, new)
+    assert acted == {"sure"}
+
+
+def test_a_bound_of_the_ratio_has_acted_only_where_it_changed_what_anything_asks_for():
+    with watched() as acted:
+        likelihood_ratio.log_ratio(np.array([1000.0, 900.0, 1100.0]))
+        likelihood_ratio.log_ratio(np.array([-0.5, -0.4, -0.6]))
+        assert acted == set()
+        likelihood_ratio.log_ratio(np.array([1.5, 1.4, 1.6]))
+        assert acted == {"by size"}
+        likelihood_ratio.log_ratio(np.array([40.0, 0.0, 0.0, 0.0, 0.0]))
+    assert acted == {"by size", "by scatter"}
 
 
 @pytest.mark.parametrize(
