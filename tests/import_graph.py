@@ -16,7 +16,7 @@ ROOMS = (
     "mpge_jax.commands", "mpge_jax.own_code", "envs", "mpge_jax.own_envs",
     "mpge_jax.files", "mpge_jax.progress", "mpge_jax.sharding", "mpge_jax.loop",
     "mpge_jax.learning", "mpge_jax.rollouts", "mpge_jax.grounding",
-    f"{D}.errors", f"{D}.config",
+    f"{D}.errors", f"{D}.config", f"{D}.thresholds",
     f"{D}.machine", f"{D}.recordings", f"{D}.effects", f"{D}.own_effects", f"{D}.simulation", f"{D}.estimation",
     f"{D}.dataset",
     f"{D}.evidence", f"{D}.selection", f"{D}.measurement", f"{D}.drives", f"{D}.force_balance",

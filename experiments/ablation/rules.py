@@ -24,7 +24,7 @@ from experiments.ablation.gates import (
     went,
     within,
 )
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE
+from mpge_jax.diagnosis.thresholds import SURE
 
 CRITERIA, COMPETITION = "selection.criteria", "selection.competition"
 FORWARD, ALTERNATIVES = "selection.forward_selection", "selection.alternatives"
@@ -82,7 +82,7 @@ GATES = (
     Gate(
         "moves",
         "a further effect moves predictions by a share of the error",
-        ("SMALL",),
+        ("MOVES",),
         f"{CRITERIA}:moves",
         fixed(True),
     ),
@@ -103,14 +103,14 @@ GATES = (
     Gate(
         "tier",
         "of candidates that tie the more direct explanation is chosen",
-        ("tier",),
+        ("INDIRECT",),
         f"{CRITERIA}:choose",
         directions_alone,
     ),
     Gate(
         "hopeful",
         "candidates that gain less than half of the best are fitted no further",
-        ("FEW",),
+        ("HALF_AS_GOOD", "FAMILIES"),
         f"{SCORED}:hopeful",
         all_kept,
     ),
@@ -131,9 +131,9 @@ GATES = (
     Gate(
         "quiet",
         "a mean loss a little above that of noise is noise",
-        ("QUIET",),
+        ("AT_NOISE",),
         f"{COMPETITION}:only_noise",
-        numbers(QUIET=1.0),
+        numbers(AT_NOISE=1.0),
     ),
     Gate(
         "standing out",
@@ -161,7 +161,7 @@ GATES = (
     Gate(
         "every joint",
         "friction, damping and rotor inertia are tried in every joint at once",
-        ("AFTER", "HALF"),
+        ("AFTER", "REMAINS"),
         "selection.all_joints:everywhere",
         given(1),
         changed(1),
@@ -207,9 +207,9 @@ GATES = (
     Gate(
         "common",
         "an added mass may tie with a direction more",
-        ("COMMON",),
+        ("ADDED_MASS",),
         f"{ALTERNATIVES}:_compare",
-        numbers(COMMON=0),
+        numbers(ADDED_MASS=0),
     ),
     Gate(
         "same in principle",
@@ -221,7 +221,7 @@ GATES = (
     Gate(
         "longer windows",
         "where nothing was found or something is left, longer windows are looked at",
-        ("WORTH_ANOTHER_LOOK",),
+        ("ENOUGH_WINDOWS",),
         "selection.procedure:_on_longer_windows",
         lambda _own, _p, _s, f, _say: (f, {}),
         lambda answer, _p, _s, f, _say: answer[0] is not f,
@@ -266,7 +266,7 @@ GATES = (
     Gate(
         "joint by joint",
         "one degree of freedom may show more than the floor by itself",
-        ("WINDOWS_BY_JOINT",),
+        ("ENOUGH_WINDOWS",),
         f"{NULL}:Floor.beyond",
         in_all,
     ),
@@ -281,7 +281,7 @@ GATES = (
     Gate(
         "other starts",
         "what strikes may start elsewhere within its uncertainty",
-        ("ORDINARY", "MOST"),
+        ("ELSEWHERE_FROM", "MANY_ELSEWHERE"),
         "estimation.initial_states:settled",
         given(2),
         lambda answer, _sim, _f, w, *_args, **_options: answer is not w,
@@ -296,7 +296,7 @@ GATES = (
     Gate(
         "slight",
         "a slight share of the squared error that is left is told beside the effects",
-        ("SLIGHT", "CLEAR"),
+        ("SLIGHT", "MEANS_SOMETHING"),
         "verdict.judgement:matters",
         fixed(True),
     ),
@@ -322,4 +322,5 @@ WORK = {
     "evidence.null_distribution": ("SEGMENT", "ALL"),
     "evidence.same_in_principle": ("PARALLEL",),
 }
-"""Numbers of the rooms that decide which are no rule: how much is tried or shown (candidates, windows, iterations)."""
+"""Numbers that stand in the rooms that decide and decide nothing: how much is tried or shown (candidates, windows,
+iterations)."""

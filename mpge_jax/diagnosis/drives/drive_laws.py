@@ -15,10 +15,11 @@ from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.step import Fields, Step
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, log_ratio
+from mpge_jax.diagnosis.evidence.likelihood_ratio import log_ratio
 from mpge_jax.diagnosis.machine.model import clipped, is_joint_transmission
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import stroke
+from mpge_jax.diagnosis.thresholds import SURE
 
 Array = np.ndarray
 BLOCK_S = 0.25

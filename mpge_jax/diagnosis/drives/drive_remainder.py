@@ -10,7 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.drives.drive_laws import Data, Log, blocks_of, predict
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SEVERAL
+from mpge_jax.diagnosis.thresholds import SEVERAL
 
 Array = np.ndarray
 MISSED, SEEN = 0.1, 0.01

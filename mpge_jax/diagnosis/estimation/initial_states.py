@@ -17,12 +17,9 @@ from mpge_jax.diagnosis.estimation.whitening import KAPPA, Whitener, numerics, w
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.thresholds import ELSEWHERE_FROM, MANY_ELSEWHERE
 
 Array = np.ndarray
-ORDINARY = 1.3
-"""Relative chi^2 of a window that needs no other start."""
-MOST = 0.5
-"""Share of windows that may need one: where more do, something is missing."""
 ROUNDS, DRAWS = 6, 8
 """Rounds of a search, and starts that are drawn at random in each."""
 DAMPING = (0.0, 0.1, 1.0, 10.0)
@@ -40,7 +37,7 @@ def settled(
     f: Fitted,
     w: Windows,
     noise: Noise,
-    ordinary: float = ORDINARY,
+    ordinary: float = ELSEWHERE_FROM,
     elsewhere: bool = False,
     seed: int = 0,
 ) -> Windows:
@@ -57,7 +54,7 @@ def settled(
     whole = whitener(sim, f.hypothesis, f.theta, w, noise, nuisance, temper=False)
     x = evaluate(sim, [f], w, whole)[0].x
     odd = np.flatnonzero(x > ordinary)
-    if not 0 < odd.size <= MOST * w.count:
+    if not 0 < odd.size <= MANY_ELSEWHERE * w.count:
         return w
     rng, often = np.random.default_rng([seed, 23]), 1
     if elsewhere:

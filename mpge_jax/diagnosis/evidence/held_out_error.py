@@ -12,14 +12,13 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.thresholds import MEANS_SOMETHING
 
 Array = np.ndarray
 
 
 WINDOWS: dict[Part, int] = {"train": 40, "choice": 60, "test": 60}
 """Windows of the reported length on which errors are shown, at most."""
-CLEAR = 2.0
-"""How many times the noise the usual window's error must be for its share that is left to mean anything."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class FitReport:
             after, before, floor = (
                 float(np.median(x)) for x in (self.after.window, self.before.window, self.floors)
             )
-            if before > CLEAR * floor:
+            if before > MEANS_SOMETHING * floor:
                 share = max(share, _share(after, before, floor))
         return min(share, 1.0)
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import rankdata
 
+from mpge_jax.diagnosis.thresholds import CLEARLY, ORDINARY, OUTLYING, SURE
+
 Array = np.ndarray
-SURE = 3.0
-"""Logarithm of the likelihood ratio (20 to 1) from which on one of two hypotheses is the better one."""
-ORDINARY, OUTLYING, CLEARLY, SEVERAL = 1.15, 8.0, 0.5, 3
-"""Median loss where all but a few windows show noise alone; deviations from it, and relative chi^2, by which a window
-stands out at least; and how many such windows are no accident."""
 
 
 def log_ratio(gain: Array) -> float:

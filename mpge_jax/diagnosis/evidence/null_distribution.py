@@ -18,7 +18,6 @@ from mpge_jax.diagnosis.estimation.whitening import (
     robust_loss,
     whitener,
 )
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SEVERAL
 from mpge_jax.diagnosis.machine.joint_space import integrate
 from mpge_jax.diagnosis.machine.model import compile_variable, has_plain_law
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
@@ -29,17 +28,10 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
 from mpge_jax.diagnosis.simulation.windows import Windows, cut
+from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, DOUBT, ENOUGH_WINDOWS, EXCESS, SEVERAL
 
 Array = np.ndarray
 SEGMENT, ALL = 0.8, 1_000_000
-EXCESS = 0.5
-"""Relative chi^2 above the floor that counts as structure."""
-BEYOND_NOISE = 5.0
-"""Loss of a window that no noise explains, whatever the others show."""
-DOUBT = 3.0
-"""Standard errors by which it must exceed the floor."""
-WINDOWS_BY_JOINT = 8
-"""Windows that a floor takes to tell degrees of freedom apart."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +69,7 @@ class Floor:
         if self.exceeded(left.losses[left.typical]) or self.far(left.losses):
             return True
         count, nv = self.each.shape
-        if count < WINDOWS_BY_JOINT:
+        if count < ENOUGH_WINDOWS:
             return False
         # one of many that are asked
         doubt = float(norm.isf(norm.sf(DOUBT) / nv))

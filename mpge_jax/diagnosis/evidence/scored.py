@@ -10,11 +10,10 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, log_ratio
+from mpge_jax.diagnosis.evidence.likelihood_ratio import log_ratio
+from mpge_jax.diagnosis.thresholds import FAMILIES, HALF_AS_GOOD, INDIRECT, SURE
 
 Array = np.ndarray
-FEW = 3
-"""Families of candidates that are fitted further however far they lag behind the best."""
 
 
 @dataclass
@@ -44,7 +43,7 @@ class Scored:
 
     @property
     def complexity(self) -> tuple[float, ...]:
-        return (self.directions + 0.75 * self.tier, self.fit.theta.size)
+        return (self.directions + INDIRECT * self.tier, self.fit.theta.size)
 
 
 @dataclass(frozen=True)
@@ -87,12 +86,12 @@ def hopeful(fits: list[Fitted], before: float) -> list[Fitted]:
     """Fits that take away at least half as much of the loss `before` them as the best does, the best few families, and
     the plain forms of elaborate frictions among them; best first."""
     ranked = sorted(fits, key=lambda f: f.loss)
-    limit = 0.5 * (before + ranked[0].loss) if ranked else before
+    limit = before - HALF_AS_GOOD * (before - ranked[0].loss) if ranked else before
     kept: list[Fitted] = []
     families: set[frozenset[tuple[str, Place]]] = set()
     for f in ranked:
         kind = frozenset(map(family, f.hypothesis.terms))
-        if f.loss < limit or (kind not in families and len(families) < FEW):
+        if f.loss < limit or (kind not in families and len(families) < FAMILIES):
             kept.append(f)
             families.add(kind)
     rest = [f for f in ranked if all(f is not k for k in kept)]

@@ -9,9 +9,9 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE
 from mpge_jax.diagnosis.force_balance.bank import Bank, Entry, hypothesis_of
 from mpge_jax.diagnosis.force_balance.gram import Weighted
+from mpge_jax.diagnosis.thresholds import SURE
 
 Array = np.ndarray
 LEAST = 0.2

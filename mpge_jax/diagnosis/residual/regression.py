@@ -9,7 +9,8 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual import INPUTS, Residual
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, by_scatter
+from mpge_jax.diagnosis.evidence.likelihood_ratio import by_scatter
+from mpge_jax.diagnosis.thresholds import SURE
 
 Array = np.ndarray
 STRENGTHS = 10.0 ** np.arange(-6.0, 2.5)

@@ -19,16 +19,12 @@ from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.estimation.whitening import usual_excess
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.selection.competition import at_noise, loud
-from mpge_jax.diagnosis.selection.criteria import NAMED, needed, strength
+from mpge_jax.diagnosis.selection.criteria import needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
-AFTER = 3
-"""Effects that the forward search has found, or degrees of freedom that still lack something, at which the other
-direction is tried."""
-HALF = 0.5
-"""Share of the squared error that may remain with something in every joint."""
 ITERATIONS = 5
 
 
@@ -57,7 +53,7 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     )
     # each by itself may be weak; what nobody knows leaks into all joints, and little of it goes away by that
     now, then = (usual_excess(float(r.losses.mean())) for r in (chosen, before))
-    better = now < HALF * then
+    better = now < REMAINS * then
     fits_in = len(chosen.fit.hypothesis.terms) <= s.max_terms
     return chosen.fit if better and fits_in and needed(chosen, before) else current
 

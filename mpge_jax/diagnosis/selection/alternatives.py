@@ -11,15 +11,16 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.screening import starts_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, odds
+from mpge_jax.diagnosis.evidence.likelihood_ratio import odds
 from mpge_jax.diagnosis.evidence.rigid_equivalence import same_body
 from mpge_jax.diagnosis.evidence.same_in_principle import same
 from mpge_jax.diagnosis.evidence.scored import Rival, Scored, evidence, hopeful
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
-from mpge_jax.diagnosis.selection.competition import KEEP_OF_MANY, SETTLED
+from mpge_jax.diagnosis.selection.competition import KEEP_OF_MANY
 from mpge_jax.diagnosis.selection.criteria import named, needed
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.thresholds import ADDED_MASS, RICHER, SETTLED, SURE
 
 SPECIAL_CASES = {
     "coulomb_friction": (
@@ -40,10 +41,6 @@ SPECIAL_CASES = {
 }
 """Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
 PLAIN_LAWS = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
-COMMON = 1
-"""Directions that an added mass, the commonest change of all, may have more and still stay in the running."""
-RICHER = 2
-"""Elaborate laws in place of one plain one that are fitted to all windows."""
 
 
 def find_rivals(
@@ -207,7 +204,7 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
         return Rival(other, rival.fit, margin, why)
     if not told_apart:
         return Rival(other, rival.fit, margin, "the data do not determine its parameters")
-    extra = COMMON if other.name == "payload_mass" else 0
+    extra = ADDED_MASS if other.name == "payload_mass" else 0
     if rival.directions > best.directions + extra:
         return Rival(other, rival.fit, margin, "it needs more free parameters for the same fit")
     return Rival(other, rival.fit, margin, "the data cannot tell the two apart", tied=True)

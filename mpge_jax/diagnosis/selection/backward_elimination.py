@@ -17,10 +17,9 @@ from mpge_jax.diagnosis.selection.criteria import moves, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.thresholds import WEAKEST
 
 Array = np.ndarray
-WEAKEST = 6
-"""Terms that are tried without at a time: those that the data determine worst."""
 
 
 def prune(s: Search, current: Fitted) -> Fitted:

@@ -9,22 +9,16 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SEVERAL, stand_out
+from mpge_jax.diagnosis.evidence.likelihood_ratio import stand_out
 from mpge_jax.diagnosis.evidence.scored import Scored, hopeful, with_simpler
 from mpge_jax.diagnosis.selection.remainder import remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.thresholds import AT_NOISE, HOPELESS, LOUD, SETTLED, SEVERAL
 
 Array = np.ndarray
 KEEP, KEEP_OF_MANY = 7, 3
 """Candidates that are fitted properly after screening, and beside `MANY` terms."""
-HOPELESS = 0.06
-"""Share of the loss of one joint that a second effect must take away in screening to be looked at further."""
-LOUD = 1.5
-"""Mean loss at one degree of freedom beyond which something may be missing there."""
-QUIET, SETTLED = 1.1, 1.25
-"""Mean loss from which nothing is missing, and up to which no more is asked: of laws of friction that contain a plain
-one, and of a model as given that strikes something."""
 
 
 def compete(s: Search, base: Fitted, terms: list[Term], keep: int = KEEP) -> tuple[list[Scored], Scored]:
@@ -84,7 +78,7 @@ def only_noise(s: Search, base: Fitted, white: Whitener) -> bool:
         outlying += int(stand_out(robust_loss(x)).sum())
         # a tempered whitener, or an overestimated noise, says nothing
         little = np.median(x) < 0.5 and not white.inexact
-        if white.factor != 1.0 or little or robust_loss(x).mean() > QUIET:
+        if white.factor != 1.0 or little or robust_loss(x).mean() > AT_NOISE:
             return False
     return outlying < SEVERAL
 

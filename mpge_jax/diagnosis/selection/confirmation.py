@@ -10,9 +10,10 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report, judged
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, by_scatter
+from mpge_jax.diagnosis.evidence.likelihood_ratio import by_scatter
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.thresholds import SURE
 
 ITERATIONS = 4
 

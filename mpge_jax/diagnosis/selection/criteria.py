@@ -7,16 +7,10 @@ from scipy.stats import chi2, norm
 
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE
 from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, held_out_evidence
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
-
-SMALL = 0.02
-"""Share of the nominal error by which a further effect must move predictions; less is detail of what is known
-(friction law, timestep, integrator), which a wrong effect can imitate."""
-NAMED = 4.0
-"""Deviations by which a contrast must differ from its value at null."""
+from mpge_jax.diagnosis.thresholds import MOVES, NAMED, SURE
 
 
 def choose(s: Search, ranked: list[Scored], without: Hypothesis = Hypothesis()) -> Scored:  # noqa: B008
@@ -52,7 +46,7 @@ def moves(s: Search, new: Fitted, old: Fitted) -> bool:
     nominal, before, after = np.where(seen, np.clip(res, -1e3, 1e3), 0.0)
     change = np.sqrt(((after - before) ** 2).sum((0, 1)))
     error = np.sqrt((nominal**2).sum((0, 1)))
-    return bool((change > SMALL * error)[error > 0].any())
+    return bool((change > MOVES * error)[error > 0].any())
 
 
 def named(s: Search, f: Fitted, without: Hypothesis = Hypothesis()) -> bool:  # noqa: B008

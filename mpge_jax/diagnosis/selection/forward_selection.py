@@ -13,9 +13,8 @@ from mpge_jax.diagnosis.selection.all_joints import due, everywhere
 from mpge_jax.diagnosis.selection.competition import compete
 from mpge_jax.diagnosis.selection.criteria import accept, choose
 from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.thresholds import LEAVES_MUCH
 
-LEAVES_MUCH = 2.5
-"""Loss above which the second effect is looked for beside several first ones."""
 REST = 2.0
 """What a last round, the weighing of alternatives and the report take, in rounds that found an effect."""
 

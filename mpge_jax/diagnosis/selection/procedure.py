@@ -22,13 +22,10 @@ from mpge_jax.diagnosis.selection.forward_selection import search
 from mpge_jax.diagnosis.selection.remainder import Remainder, leaves, remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
+from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, EXCHANGES
 
-WORTH_ANOTHER_LOOK = 8
-"""Windows that it takes at least to look once more."""
 REFINED = 60
 """Windows of the reported length, at most, from which parameters are refined in the end."""
-EXCHANGES = 2
-"""Terms that may be exchanged for better ones once the whole hypothesis is known."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,7 @@ def _on_longer_windows(
     length, steps, usual, stride = p.config.report_s, s.train.steps, _usual(s, f), s.sim.stride
     while True:
         longer = build_search(p, say, length)
-        few = min(longer.train.count, longer.held.count) < WORTH_ANOTHER_LOOK
+        few = min(longer.train.count, longer.held.count) < ENOUGH_WINDOWS
         if few or longer.train.steps <= steps or (f.hypothesis.terms and _usual(longer, f) <= usual):
             break
         say(f"looking on in windows of {longer.train.times.max():.2g} s")

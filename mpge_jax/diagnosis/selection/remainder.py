@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.initial_states import ORDINARY, settled
+from mpge_jax.diagnosis.estimation.initial_states import settled
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss, usual_excess
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, Left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.thresholds import ELSEWHERE_FROM
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ def remainder(s: Search, f: Fitted, noise: Floor, thorough: bool = True) -> Rema
     """
     found = leaves(s, f)
     rugged = s.sim.rugged(f.hypothesis)
-    ordinary, work = ORDINARY * max(usual_excess(noise.loss), 1.0), s.sim.work
+    ordinary, work = ELSEWHERE_FROM * max(usual_excess(noise.loss), 1.0), s.sim.work
     for elsewhere in (False, True) if thorough else (False,):
         if not (rugged and noise.beyond(found.left)):
             break

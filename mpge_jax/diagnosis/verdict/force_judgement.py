@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
 from mpge_jax.diagnosis.evidence.held_out_error import left_out
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, by_scatter, odds
+from mpge_jax.diagnosis.evidence.likelihood_ratio import by_scatter, odds
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank
@@ -20,7 +20,8 @@ from mpge_jax.diagnosis.force_balance.force_errors import ROWS, ForceErrors, err
 from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, fitted
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.residual.forces import residual_of_forces
-from mpge_jax.diagnosis.verdict.remainder_description import SLIGHT, in_words
+from mpge_jax.diagnosis.thresholds import SLIGHT, SURE
+from mpge_jax.diagnosis.verdict.remainder_description import in_words
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray

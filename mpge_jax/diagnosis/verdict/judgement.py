@@ -13,7 +13,6 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import numerical_floor
 from mpge_jax.diagnosis.estimation.whitening import (
     INTEGRATOR,
-    KAPPA,
     LATE,
     NUISANCE,
     STEP,
@@ -28,14 +27,12 @@ from mpge_jax.diagnosis.selection.remainder import leaves
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.thresholds import FAR, SLIGHT
 from mpge_jax.diagnosis.verdict.location import by_joint
-from mpge_jax.diagnosis.verdict.remainder_description import SLIGHT, describe
+from mpge_jax.diagnosis.verdict.remainder_description import describe
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
-FAR = 2.0 * KAPPA
-"""Times what noise and other steps than the model's leave from which on an error is not nothing, whatever the search
-found: twice as far as starts may be known worse than they are said to be."""
 SURE, MOST = 6.0, 3.0
 """Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
 they may be."""

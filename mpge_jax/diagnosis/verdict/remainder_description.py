@@ -15,8 +15,6 @@ from mpge_jax.diagnosis.selection.remainder import Remainder
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
-SLIGHT = 0.02
-"""Share of the squared error below which what is left is told, and leaves the verdict as it is."""
 ELSEWHERE = 3.0
 """By how much clearer missing force (`Probed.by_dof`) must be at a floating base than at any joint for its body to be
 the place."""

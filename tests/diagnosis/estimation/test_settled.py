@@ -12,7 +12,7 @@ from mpge_jax.diagnosis import Config
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
-from mpge_jax.diagnosis.estimation.initial_states import ORDINARY, settled
+from mpge_jax.diagnosis.estimation.initial_states import settled
 from mpge_jax.diagnosis.estimation.prediction_error import Errors
 from mpge_jax.diagnosis.estimation.whitening import numerics, start_runs, whitener
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
@@ -20,6 +20,7 @@ from mpge_jax.diagnosis.machine.model import compile_variable, names_of
 from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.thresholds import ELSEWHERE_FROM
 from tests.diagnosis.machines import record
 
 BALL = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
@@ -88,10 +89,10 @@ def test_a_start_that_explains_a_bounce_is_found(elsewhere):
     p, w = _windows(BALL)
     w = _aside(_as_predicted(p, w), 2.0)
     before = _excess(p, w)
-    assert (before > ORDINARY).sum() > 2
+    assert (before > ELSEWHERE_FROM).sum() > 2
     after = _excess(p, settled(p.sim, NOTHING, w, p.noise, elsewhere=elsewhere))
     assert (after <= before + 1e-9).all()
-    odd = np.flatnonzero(before > ORDINARY)
+    odd = np.flatnonzero(before > ELSEWHERE_FROM)
     assert (after[odd] < 2.0).mean() > 0.8
     np.testing.assert_allclose(np.delete(after, odd), np.delete(before, odd), rtol=1e-9)
 

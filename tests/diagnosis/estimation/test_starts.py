@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from mpge_jax.diagnosis import Recording
+from mpge_jax.diagnosis import Recording, thresholds
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.effects.angle import waves
 from mpge_jax.diagnosis.effects.base import REGISTRY
@@ -248,7 +248,8 @@ def test_friction_is_asymmetric_where_its_directions_differ(elastic, backward, n
     assert criteria.named(elastic, f) == named
     if named:
         assert (
-            criteria.strength(elastic, f)[term] == pytest.approx(0.02 / np.sqrt(2e-6)) and criteria.NAMED < 14
+            criteria.strength(elastic, f)[term] == pytest.approx(0.02 / np.sqrt(2e-6))
+            and thresholds.NAMED < 14
         )
 
 

@@ -95,6 +95,6 @@ def test_each_search_goes_on_from_what_the_last_one_found(monkeypatch):
 
 def test_a_few_windows_decide_nothing(monkeypatch):
     bench = Bench(monkeypatch, {0.5: TWO, 1.0: THREE})
-    monkeypatch.setattr(procedure, "WORTH_ANOTHER_LOOK", 41)
+    monkeypatch.setattr(procedure, "ENOUGH_WINDOWS", 41)
     assert bench.run(ONE)[0] is TWO
     assert [length for length, _ in bench.searched] == [0.5]

@@ -16,13 +16,14 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, STEP, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.selection.alternatives import find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit
-from mpge_jax.diagnosis.selection.competition import LOUD, QUIET, at_noise
+from mpge_jax.diagnosis.selection.competition import at_noise
 from mpge_jax.diagnosis.selection.criteria import moves
 from mpge_jax.diagnosis.selection.forward_selection import search
 from mpge_jax.diagnosis.selection.search_state import MANY, WORK
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.informative_windows import SCREEN_WINDOWS, screen_windows
+from mpge_jax.diagnosis.thresholds import AT_NOISE, LOUD
 from mpge_jax.diagnosis.verdict.judgement import numerics_seen
 from tests.diagnosis.machines import ARM, PENDULUM, SERVO, record
 from tests.diagnosis.searches import prepared_of
@@ -179,7 +180,7 @@ def test_what_one_of_many_joints_lacks_does_not_drown(lacking):
     white = s.whiten_one(NOTHING, s.train)
     flat = white(s.sim.residuals([Run(NOTHING.hypothesis, NOTHING.theta)], s.train))[0]
     each = robust_loss(white.by_dof(flat, 16)).mean(0)
-    assert robust_loss(white.excess(flat)).mean() < QUIET and white.factor == 1.0
+    assert robust_loss(white.excess(flat)).mean() < AT_NOISE and white.factor == 1.0
     assert (np.flatnonzero(each > LOUD) == ([3] if lacking else [])).all()
     assert at_noise(s, NOTHING, white) == (not lacking)
 

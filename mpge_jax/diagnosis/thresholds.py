@@ -1,0 +1,68 @@
+"""Numbers that decide what a diagnosis says of a driven machine: which effects are named, which tie, and the verdict.
+
+What each does to the answers stands in docs/ablation.md. Numbers of estimation and of numerics, and how much is tried,
+stand where they are used.
+"""
+
+# evidence for one of two hypotheses
+SURE = 3.0
+"""Logarithm of the likelihood ratio (20 to 1) from which on one of two hypotheses is the better one."""
+NAMED = 4.0
+"""Deviations by which a contrast of an effect's parameters must differ from where the effect vanishes."""
+MOVES = 0.02
+"""Share of the nominal error by which a further effect must move predictions; less is detail of what is known
+(friction law, timestep, integrator), which a wrong effect can imitate."""
+INDIRECT = 0.75
+"""Directions that a tier counts for where candidates tie: the more direct explanation is the simpler one."""
+ADDED_MASS = 1
+"""Directions that an added mass, the commonest change of all, may have more than what it ties with."""
+
+# how long a search goes on
+AT_NOISE = 1.1
+"""Mean loss up to which nothing is missing."""
+SETTLED = 1.25
+"""Mean loss up to which no more is asked: of laws of friction that contain a plain one, and of a model as given that
+strikes something."""
+LOUD = 1.5
+"""Mean loss at one degree of freedom beyond which something may be missing there."""
+ORDINARY, OUTLYING, CLEARLY, SEVERAL = 1.15, 8.0, 0.5, 3
+"""Median loss where all but a few windows show noise alone; deviations from it, and relative chi^2, by which a window
+stands out at least; and how many such windows are no accident."""
+HOPELESS = 0.06
+"""Share of the loss of one joint that a second effect must take away in screening to be looked at further."""
+HALF_AS_GOOD, FAMILIES = 0.5, 3
+"""Share of what the best candidate explains from which on others are fitted further, and families of candidates of
+which the best one always is."""
+LEAVES_MUCH = 2.5
+"""Loss above which the second effect is looked for beside several first ones."""
+AFTER, REMAINS = 3, 0.5
+"""Effects that the search has found, or degrees of freedom that still lack something, at which effects in every joint
+are tried; and the share of the squared error that may remain with them."""
+WEAKEST = 6
+"""Terms that are tried without at a time: those that the data determine worst."""
+EXCHANGES = 2
+"""Terms that may be exchanged for better ones once the whole hypothesis is known."""
+RICHER = 2
+"""Elaborate laws in place of one plain one that are fitted to all windows."""
+ENOUGH_WINDOWS = 8
+"""Windows that it takes to look once more, in longer ones, and to tell degrees of freedom apart where noise is all."""
+
+# more than noise
+EXCESS = 0.5
+"""Relative chi^2 above what noise leaves from which on something is left."""
+DOUBT = 3.0
+"""Standard errors by which it must exceed that."""
+BEYOND_NOISE = 5.0
+"""Loss of a window that no noise explains, whatever the others show."""
+ELSEWHERE_FROM, MANY_ELSEWHERE = 1.3, 0.5
+"""Relative chi^2 of a window from which on it may start elsewhere than estimated, where things strike each other; and
+the share of such windows from which on something is missing instead."""
+
+# the verdict
+FAR = 10.0
+"""Times what noise and other steps than the model's leave from which on an error is not nothing, whatever the search
+found: twice as far as starts may be known worse than they are said to be."""
+SLIGHT = 0.02
+"""Share of the squared error up to which what is left is told beside the effects and does not change the verdict."""
+MEANS_SOMETHING = 2.0
+"""How many times the noise the usual window's error must be for its share that is left to mean anything."""
