@@ -24,7 +24,7 @@ ROOMS = (
     "mpge_jax.task_files", f"{D}.corrected", f"{D}.report", f"{D}.inspection", f"{D}.diagnosis", f"{D}.pipeline", D,
     "mpge_jax.recorded", "mpge_jax", "experiments.ending", "experiments.command_line", "experiments.runners",
     f"{B}.vocabulary", f"{B}.robots", f"{B}.truth", f"{B}.visibility", f"{B}.draws", f"{B}.case", f"{B}.wishes",
-    f"{B}.circumstances", f"{B}.build", f"{B}.run", f"{B}.scoring", B,
+    f"{B}.circumstances", f"{B}.build", f"{B}.told", f"{B}.run", f"{B}.scoring", B,
     "experiments.fleet", "experiments", "experiments.scale", "experiments.benchmark.peers",
 )  # fmt: skip
 """Packages, and modules beside packages, from the lowest to the highest: each may import those before it. A package

@@ -1,10 +1,12 @@
-"""`python -m experiments.blind build | run | score`: draw the cases, run the diagnosis on each, mark the answers.
+"""`python -m experiments.blind build | run | told | score`: draw the cases, run the diagnosis on each, fit the sizes of
+the true effects beside it, mark the answers.
 
 Seeds: 1 to 99 are for building and tuning, 100 and above for reporting; a reported seed is run once.
 
     python -m experiments.blind build --out blind --seed 101
     python -m experiments.blind run   --cases blind/cases --out blind/runs
-    python -m experiments.blind score --answers blind/answers --runs blind/runs --out blind/score
+    python -m experiments.blind told  --cases blind/cases --answers blind/answers --out blind/told
+    python -m experiments.blind score --answers blind/answers --runs blind/runs --told blind/told --out blind/score
 """
 
 import sys
@@ -28,6 +30,7 @@ from experiments.blind.build import build
 from experiments.blind.case import Unfit
 from experiments.blind.run import run_all
 from experiments.blind.scoring.score import put_into, write_score
+from experiments.blind.told import write_rivals
 from experiments.ending import exit_status
 from experiments.runners import Options
 
@@ -66,6 +69,15 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Told:
+    """Fit the true effects' sizes in every case where all is in the vocabulary; finished cases are skipped."""
+
+    cases: Path
+    answers: Path
+    out: Path
+
+
+@dataclass(frozen=True)
 class Score:
     """Mark the reports against the answers; writes score.md and score.json."""
 
@@ -74,6 +86,8 @@ class Score:
     out: Path
     alone: Path | None = None
     """Runs of some of these cases once more, by themselves on the machine: their times count."""
+    told: Path | None = None
+    """What the rivals found that were told the answer."""
     page: Path | None = None
     """A Markdown page that shows the score between two marks, such as docs/diagnosis.md."""
 
@@ -81,6 +95,7 @@ class Score:
 Command = (
     Annotated[Build, tyro.conf.subcommand("build")]
     | Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[Told, tyro.conf.subcommand("told")]
     | Annotated[Score, tyro.conf.subcommand("score")]
 )
 
@@ -98,7 +113,7 @@ def main(args: list[str] | None = None) -> int:
     def work() -> int:
         command = tyro.cli(Command, args=args, description=__doc__)
         if isinstance(command, Score):
-            text = write_score(command.answers, command.runs, command.out, command.alone)
+            text = write_score(command.answers, command.runs, command.out, command.alone, command.told)
             if command.page is not None:
                 put_into(command.page, text)
             print(text)
@@ -115,6 +130,8 @@ def main(args: list[str] | None = None) -> int:
                     build(command.out / "cases", answers, command.seed, command.counts, progress)
                 except Unfit as problem:
                     raise ValueError(str(problem)) from None
+            elif isinstance(command, Told):
+                write_rivals(command.cases, command.answers, command.out, progress)
             else:
                 run_all(
                     command.cases,

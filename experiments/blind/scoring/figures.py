@@ -60,8 +60,14 @@ def summary(marks: list[Mark]) -> dict[str, dict]:
         "runs that failed": ([m.failed for m in marks], "at most 0"),
     }
     seconds = [m.seconds for m in marks]
+    told = [m.judged[1] / max(m.told, 1e-12) for m in seen if m.judged and m.told and m.exact == 1]
     others: dict[str, tuple[float | None, int, str]] = {
         "error of the scorer's own recordings, before / after, median": (_median(gained), len(gained), ""),
+        "the same, where all is named, over that of a rival that was told the names, median": (
+            _median(told),
+            len(told),
+            "at most 1.1",
+        ),
         "held-out error before / after, median": (_median(drops), len(drops), "at least 10"),
         "seconds a case, median": (_median(seconds), len(seconds), "at most 20"),
         "seconds a case, worst": (float(np.max(seconds)), len(seconds), "at most 180"),

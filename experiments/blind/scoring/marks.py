@@ -44,9 +44,9 @@ class Mark:
     visible: bool = True  # every hidden effect stands out of what noise explains
     seen: float = 0.0  # by how much the least of them does
     wrong: list[Named] = field(default_factory=list)  # named for certain, and neither true nor a twin
-    judged: tuple[float, float] | None = (
-        None  # errors of recordings that only the scorer has, before and after
-    )
+    # errors of recordings that only the scorer has: before, after, and with the sizes of a rival that was told names
+    judged: tuple[float, float] | None = None
+    told: float | None = None
 
 
 def judge(answer: dict, report: dict | None, seconds: float) -> Mark:

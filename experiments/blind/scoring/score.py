@@ -15,11 +15,12 @@ REPORTING = 100  # seeds below are for building and tuning
 BEGIN, END = "<!-- begin of blind score -->", "<!-- end of blind score -->"
 
 
-def load_marks(answers: Path, runs: Path, alone: Path | None = None) -> list[Mark]:
+def load_marks(answers: Path, runs: Path, alone: Path | None = None, told: Path | None = None) -> list[Mark]:
     """Mark every answered case that was run.
 
     Args:
         alone: the same runs of some of the cases once more, by themselves on the machine: their times count.
+        told: what rivals found that were told the answer (`experiments.blind.told`).
 
     Raises:
         FileNotFoundError: there is no run. ValueError: a run in `alone` answered otherwise.
@@ -43,6 +44,9 @@ def load_marks(answers: Path, runs: Path, alone: Path | None = None) -> list[Mar
         if report is not None and judged.exists():
             before, after = json.loads(judged.read_text())
             mark.judged = before, after
+            rival = (told or runs) / answer["case"] / "judged.json"
+            if told is not None and rival.exists():
+                mark.told = json.loads(rival.read_text())[1]
         marks.append(mark)
     if not marks:
         raise FileNotFoundError(f"no runs in {runs} belong to the answers in {answers}")
@@ -61,11 +65,15 @@ def read_report(folder: Path, status: int | None) -> dict | None:
     return report if isinstance(report, dict) else None
 
 
-def write_score(answers: Path, runs: Path, out: Path, alone: Path | None = None) -> str:
+def write_score(
+    answers: Path, runs: Path, out: Path, alone: Path | None = None, told: Path | None = None
+) -> str:
     """Mark all cases (`load_marks`), write OUT/score.json and OUT/score.md, and return the Markdown."""
     # a process of its own: nothing here shares code with the engine that is put to the test
-    subprocess.run([sys.executable, "-m", REPLAY, str(runs), str(answers)], check=True)
-    marks = load_marks(answers, runs, alone)
+    for folder in (runs, told):
+        if folder is not None:
+            subprocess.run([sys.executable, "-m", REPLAY, str(folder), str(answers)], check=True)
+    marks = load_marks(answers, runs, alone, told)
     plan_file = answers / "plan.json"
     plan = json.loads(plan_file.read_text()) if plan_file.exists() else {}
     tables = {
