@@ -70,7 +70,7 @@ def build_case(
         for name, run in runs.items():
             columns = as_found.logged(columns_of(run, machine.sensors, rng), rng)
             _save(folder / "recordings" / f"{name}.npz", columns)
-        told = answer(bench, wish.kind, effects, as_found.ways())
+        told = answer(bench, wish.kind, effects, as_found.ways(effects))
         xml.write_text(as_found.given(robot.spec(), rng))
         return told, judging
     raise Unfit(f"{wish.kind} case {wish.effects} was not drawn in {ATTEMPTS} attempts")

@@ -15,7 +15,7 @@ from experiments.blind.scoring.figures import by_size, summary, wilson
 from experiments.blind.scoring.marks import judge
 from experiments.blind.truth.machine import Machine
 from experiments.blind.truth.physics import UNKNOWN
-from experiments.blind.vocabulary import PARAMETERS
+from experiments.blind.vocabulary import PARAMETERS, Effect
 from experiments.blind.wishes import Counts, Wish, draw_machine, fits, wishes
 from mpge_jax.diagnosis.corrected.replay import errors_of
 
@@ -70,7 +70,20 @@ def test_logs_with_outliers_and_late_commands():
     assert 4 < wrong.sum() < 35 and (np.abs(logged["qpos"][wrong]) >= 0.05).all()
     assert logged["ctrl"][:4, 0].tolist() == [0, 0, 1, 2]
     assert columns["qpos"].any() == False and columns["ctrl"][1] == 1  # noqa: E712
+    friction = Effect("coulomb_friction", "elbow", {"torque": 1.0})
+    assert Circumstances(law="creeping").ways() == []
+    assert Circumstances(law="creeping").ways([friction]) == ["dry friction creeping"]
     assert Circumstances(period=1 / 30, masses=0.03).ways() == ["masses and inertias off", "rows of 30 Hz"]
+
+
+def test_commands_by_a_clock_that_drifts_apart():
+    time = 5.0 + np.arange(3000) * 0.01
+    columns = {"time": time, "qpos": np.zeros((3000, 1)), "ctrl": np.arange(3000.0)[:, None]}
+    logged = Circumstances(clock=0.0095).logged(columns, np.random.default_rng(0))["ctrl"][:, 0]
+    # a row late, and once 2.5 s have passed two rows
+    assert logged[:3].tolist() == [0, 0, 1] and logged[1000] == 998
+    assert np.flatnonzero(np.diff(logged[1:]) == 0).tolist() == [249]
+    assert Circumstances(clock=0.0095).ways() == ["commands by another clock"]
 
 
 def test_circumstances_suit_the_machine(tmp_path):

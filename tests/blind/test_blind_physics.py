@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.blind.truth.physics import INSTALL, stages_of
+from experiments.blind.truth.physics.joint import BRISTLE, CREEP
 from experiments.blind.truth.plant import Plant
 from experiments.blind.truth.sensors import Sensors
 from experiments.blind.truth.simulate import simulate
@@ -26,11 +27,16 @@ def plant(tmp_path):
     """A 2 kg block on a frictionless rail, with effects."""
 
     def make(
-        *effects: Effect, actuator: str = MOTOR, axis: str = "1 0 0", gravity: float = 0, armature: float = 0
+        *effects: Effect,
+        actuator: str = MOTOR,
+        axis: str = "1 0 0",
+        gravity: float = 0,
+        armature: float = 0,
+        law: str = "at once",
     ):
         path = tmp_path / "slider.xml"
         path.write_text(SLIDER.format(actuator=actuator, axis=axis, gravity=gravity, armature=armature))
-        return Plant(str(path), DT, "Euler", stages_of(effects))
+        return Plant(str(path), DT, "Euler", stages_of(effects, law))
 
     return make
 
@@ -82,6 +88,29 @@ def test_coulomb_friction_holds_a_smaller_force_exactly(plant):
     assert np.abs(q).max() < 1e-12
     _, v, _ = run(p, 1000, lambda t: 1.5)  # (4.5 - 3) / 2 m/s^2
     assert v[-1] == pytest.approx(0.75 * 1000 * DT)
+
+
+def test_creeping_friction_never_sticks(plant):
+    p = plant(Effect("coulomb_friction", "s", {"torque": 3.0}), law="creeping")
+    _, v, _ = run(p, 2000, lambda t: 0.5)  # half of what it holds: tanh(v / v0) = 0.5
+    assert v[-1] == pytest.approx(CREEP * math.atanh(0.5), rel=0.02)
+    _, v, _ = run(p, 100, v=1.2)
+    assert np.allclose(np.diff(v), -3.0 / 2 * DT, atol=1e-12)
+
+
+def test_friction_that_sets_in_after_a_way(plant):
+    p = plant(Effect("coulomb_friction", "s", {"torque": 3.0}), law="after a way")
+    for _ in range(2):  # it forgets
+        q, v, _ = run(p, 40, v=1.2)
+        way = v[0] * DT + np.abs(
+            q[1:-1]
+        )  # counted from the first sub-step on, whose speed it sees after the next one
+        expected = -1.5 * DT * -np.expm1(-way / BRISTLE)
+        np.testing.assert_allclose(np.diff(v)[1:], expected, rtol=0.2)
+    q, v, _ = run(p, 400, lambda t: -6.0, v=0.1)
+    turn = int(np.flatnonzero(v < 0)[0])
+    braked = np.diff(v) / DT + 9.0  # -18 N on 2 kg without friction
+    assert braked[turn] < 0.1 and braked[-1] == pytest.approx(1.5, rel=0.01)
 
 
 def test_viscous_damping_and_drag(plant):

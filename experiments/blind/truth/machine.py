@@ -43,6 +43,7 @@ class Machine:
     sensors: Sensors
     plans: tuple[Plan, ...]
     open_loop: bool = False
+    law: str = "at once"
     model: mujoco.MjModel = field(init=False)
 
     def __post_init__(self) -> None:
@@ -81,7 +82,7 @@ class Machine:
         warmup = int(np.searchsorted(times, WARMUP))
         if self.open_loop:
             commands = self._replayed(plan, controller, ticks, (start, velocity))
-        plant = Plant(str(self.xml), self.dt, self.integrator, stages_of(effects))
+        plant = Plant(str(self.xml), self.dt, self.integrator, stages_of(effects, self.law))
         return simulate(plant, commands, ticks, warmup, (start, velocity), self.sensors, rng)
 
     def _replayed(self, plan: Plan, controller: Controller, ticks: np.ndarray, start: tuple) -> np.ndarray:

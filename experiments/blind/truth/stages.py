@@ -51,3 +51,5 @@ class Stages(Generic[Plant]):
     restart: list[Callable[[], None]] = field(default_factory=list)
     # Joint to the joint that its actuators move instead.
     drive_joint: dict[str, str] = field(default_factory=dict)
+    # How dry friction sets in; see `joint.LAWS`.
+    law: str = "at once"

@@ -21,9 +21,9 @@ INSTALL: dict[str, Callable[[Effect, Stages[Plant]], None]] = {
 } | UNKNOWN
 
 
-def stages_of(effects: Sequence[Effect]) -> Stages[Plant]:
-    """Stages with all effects installed in the given order."""
-    stages: Stages[Plant] = Stages()
+def stages_of(effects: Sequence[Effect], law: str = "at once") -> Stages[Plant]:
+    """Stages with all effects installed in the given order; `law`: how dry friction sets in (`joint.LAWS`)."""
+    stages: Stages[Plant] = Stages(law=law)
     for effect in effects:
         INSTALL[effect.id](effect, stages)
     return stages

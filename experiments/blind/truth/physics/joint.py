@@ -1,12 +1,18 @@
 """Effects in the joints: forces of position and velocity, dry friction, rotor inertia."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from experiments.blind.truth.plant import Plant
 from experiments.blind.truth.stages import DryFriction, Stages
 from experiments.blind.vocabulary import Effect
+
+CREEP = 0.02
+"""Speed at which a creeping friction is three quarters of its level (rad/s or m/s)."""
+BRISTLE = 0.003
+"""Way after a reversal at which friction is two thirds of its level (rad or m)."""
 
 
 def viscous_damping(effect: Effect, stages: Stages[Plant]) -> None:
@@ -99,4 +105,41 @@ def asymmetric_friction(effect: Effect, stages: Stages[Plant]) -> None:
 
 
 def _dry(joint: str, stages: Stages[Plant], level) -> None:
-    stages.friction.append(lambda plant: DryFriction(plant.dof(joint), level, plant.drivers(joint)))
+    def make(plant: Plant) -> DryFriction:
+        share = LAWS[stages.law](plant, stages)
+
+        def set_in(v: float, load: float) -> tuple[float, float]:
+            forward, backward = level(v, load)
+            part = share(v)
+            return part * forward, part * backward
+
+        return DryFriction(plant.dof(joint), set_in, plant.drivers(joint))
+
+    stages.friction.append(make)
+
+
+def _at_once(_plant: Plant, _stages: Stages[Plant]) -> Callable[[float], float]:
+    return lambda _v: 1.0
+
+
+def _creeping(_plant: Plant, _stages: Stages[Plant]) -> Callable[[float], float]:
+    """tanh(|v| / v0): it never sticks."""
+    return lambda v: math.tanh(abs(v) / CREEP)
+
+
+def _sliding(plant: Plant, stages: Stages[Plant]) -> Callable[[float], float]:
+    """1 - exp(-x / x0), x the way since the last reversal: bristles bend first."""
+    way, forward = [0.0], [True]
+
+    def share(v: float) -> float:
+        if v != 0.0 and (v > 0.0) != forward[0]:
+            way[0], forward[0] = 0.0, v > 0.0
+        way[0] += abs(v) * plant.dt
+        return -math.expm1(-way[0] / BRISTLE)
+
+    stages.restart.append(lambda: way.__setitem__(0, 0.0))
+    return share
+
+
+LAWS = {"at once": _at_once, "creeping": _creeping, "after a way": _sliding}
+"""Shares of its level with which dry friction acts. The vocabulary knows the first."""
