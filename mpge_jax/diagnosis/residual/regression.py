@@ -47,6 +47,12 @@ class Blocks:
     def take(self, index: Array) -> Blocks:
         return Blocks(self.gram[index], self.push[index], self.whole[index], self.weight[index])
 
+    def told_at(self, now: Array) -> Blocks:
+        """A problem of changes of the values `now` [P] as one of the values."""
+        push = self.push - self.gram @ now
+        whole = self.whole - 2.0 * self.push @ now + np.einsum("p,bpq,q->b", now, self.gram, now)
+        return Blocks(self.gram, push, whole, self.weight)
+
     def left(self, x: Array) -> Array:
         """Weighted squares [B] with values x [P]."""
         square = self.whole + 2.0 * self.push @ x + np.einsum("p,bpq,q->b", x, self.gram, x, optimize=True)
@@ -83,13 +89,12 @@ def roughness(effect: Residual) -> Array:
     return along + SMALL * np.eye(len(along))
 
 
-def solved(b: Blocks, effect: Residual, strength: float, now: Array | None = None) -> Array:
-    """The change [P] of the values `now` (0) that is best under a penalty of the values that result."""
+def solved(b: Blocks, effect: Residual, strength: float) -> Array:
+    """The values [P] that are best under a penalty."""
     gram = np.einsum("b,bpq->pq", b.weight, b.gram)
     push = b.weight @ b.push
     penalty = strength * max(float(np.trace(gram)) / len(gram), 1e-300) * roughness(effect)
-    pulled = push if now is None else push + penalty @ now
-    return -np.linalg.solve(gram + penalty, pulled)
+    return -np.linalg.solve(gram + penalty, push)
 
 
 def best_of(
@@ -125,7 +130,7 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
     if not candidates or len(np.unique(fold)) < 2:
         return None
     nothing = {id(b): b.weight * b.whole for _, _, b in candidates}
-    choices = [(_smoothed(*c, fold), nothing[id(c[2])]) for c in candidates]
+    choices = [(smoothed(*c, fold), nothing[id(c[2])]) for c in candidates]
     choices = [(c, none) for c, none in choices if by_scatter(none - c.left) > SURE]
     if not choices:
         return None
@@ -139,7 +144,7 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
     return min(near, key=lambda c: (len(c.effect.axes), [list(INPUTS).index(a.input) for a in c.effect.axes]))
 
 
-def _smoothed(effect: Residual, place: int, b: Blocks, fold: Array) -> Choice:
+def smoothed(effect: Residual, place: int, b: Blocks, fold: Array) -> Choice:
     """The function under the penalty that predicts best."""
     tried = [(float((left := _predicted(effect, b, fold, s)).sum()), s, left) for s in STRENGTHS]
     _, strength, left = min(tried, key=lambda t: t[:2])
