@@ -1,12 +1,15 @@
-"""`python -m experiments.ablation run | table`: the diagnosis without each of its rules, on blind cases.
+"""`python -m experiments.ablation run | public | table`: the diagnosis without each of its rules, on blind cases;
+and which of them act on public machines.
 
 python -m experiments.blind build --out cases61 --seed 61
 python -m experiments.ablation run --cases cases61 --out ablation --workers 2
+python -m experiments.ablation public --recordings recordings --out ablation
 python -m experiments.ablation table --cases cases61 --out ablation --page docs/ablation.md
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,10 +19,13 @@ import numpy as np
 import tyro
 
 from experiments import runners
-from experiments.ablation.compared import Case, acted, cases_of, effect, note, place
+from experiments.ablation.compared import Case, acted, cases_of, effect, note, place, public
 from experiments.ablation.one import ALL
+from experiments.ablation.replaced import watched
 from experiments.ablation.rules import GATES, gate
 from experiments.ablation.table import page
+from experiments.atlas.machines import MACHINES
+from experiments.atlas.record import diagnosed
 from experiments.blind.run import CaseJob, run_case
 from experiments.ending import exit_status
 from experiments.runners import Job, Options
@@ -43,6 +49,17 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Public:
+    """Diagnose public machines with all rules watched; finished ones are skipped."""
+
+    recordings: Path
+    """Folder of the machines' folders (`experiments.atlas`)."""
+    out: Path
+    machine: tuple[str, ...] = ()
+    """Which; all that are there when empty."""
+
+
+@dataclass(frozen=True)
 class Table:
     """Write the page from what was run."""
 
@@ -54,7 +71,11 @@ class Table:
     """Of each of the folders its name and the further arguments that it was built with, to be shown."""
 
 
-Command = Annotated[Run, tyro.conf.subcommand("run")] | Annotated[Table, tyro.conf.subcommand("table")]
+Command = (
+    Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[Public, tyro.conf.subcommand("public")]
+    | Annotated[Table, tyro.conf.subcommand("table")]
+)
 
 
 def work_of(out: Path, rule: str, case: Case, timeout: float) -> Job:
@@ -92,6 +113,21 @@ def run(command: Run) -> None:
         go(jobs, f"rules switched off, at most {left} to go")
 
 
+def watch_public(command: Public) -> None:
+    """Which rules act on each of the machines; one process, one thread."""
+    for key in command.machine or MACHINES:
+        if key not in MACHINES:
+            raise ValueError(f"there is no machine {key!r} (there are: {', '.join(MACHINES)})")
+        there = (command.recordings / MACHINES[key].folder / "model.xml").exists()
+        target = public(command.out, key)
+        if not there and command.machine:
+            raise ValueError(f"{command.recordings} has no {MACHINES[key].folder}")
+        if there and not target.exists():
+            with watched() as acts:
+                diagnosed(MACHINES[key], command.recordings, jobs=1)
+            files.write_text(target, json.dumps(sorted(acts)))
+
+
 def main(args: list[str] | None = None) -> int:
     """The command line; returns the exit status."""
 
@@ -99,6 +135,9 @@ def main(args: list[str] | None = None) -> int:
         command = tyro.cli(Command, args=args, description=__doc__)
         if isinstance(command, Run):
             run(command)
+            return 0
+        if isinstance(command, Public):
+            watch_public(command)
             return 0
         folders = " ".join(p.name for p in command.cases)
         said = [

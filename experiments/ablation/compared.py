@@ -63,6 +63,11 @@ def acted(out: Path, case: Case) -> set[str]:
     return set(json.loads(path.read_text())) if path.exists() else set()
 
 
+def public(out: Path, key: str) -> Path:
+    """The file with the rules that acted on a public machine."""
+    return out / "public" / f"{key}.json"
+
+
 def said(report: dict[str, Any] | None) -> Any:
     """Verdict, names and places of a report: what makes two answers the same."""
     if report is None:

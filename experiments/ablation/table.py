@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from experiments.ablation.compared import NEEDED_BY, Case, Effect, acted, effect, note
@@ -21,11 +22,12 @@ not all run.
 
     {command}
 
-{count} cases, all of seeds for building and tuning, and a third of machines drawn at random. Rules are ordered by what
-they do; of those that are not all run, the figures are of the cases that were.
+{count} cases, all of seeds for building and tuning, a third of those of the second seed of machines drawn at random;
+and {machines} public machines, on which it was watched which rules act. Rules are ordered by what they do; of those
+that are not all run, the figures are of the cases that were.
 
-| rule | what it is for | numbers | acted in | run without it | changed | better with it | worse with it | |
-|---|---|---|--:|--:|--:|--:|--:|---|
+| rule | what it is for | numbers | acted: machines | cases | run without it | changed | better with it | worse with it | |
+|---|---|---|--:|--:|--:|--:|--:|--:|---|
 """
 
 GONE = """
@@ -45,24 +47,26 @@ def verdict(cases: int, e: Effect) -> str:
     """What is to be said of a rule after so many cases, in a few words."""
     if e.needed:
         return "needed"
+    if e.changed + e.cases - e.run < LITTLE * cases:
+        return "fewer than 1 % change"
     if e.run < e.cases:
         return "not all run"
-    if e.changed < LITTLE * cases:
-        return "fewer than 1 % change"
     return "no better without it" if e.better > e.worse else "no worse without it"
 
 
 def page(out: Path, cases: list[Case], command: str) -> str:
     """The page, from what was run so far."""
     known = {c: acted(out, c) for c in cases if note(out, ALL, c).exists()}
+    machines = [set(json.loads(p.read_text())) for p in sorted((out / "public").glob("*.json"))]
     rows = []
     for g in GATES:
         e = effect(out, g.name, known)
         word = verdict(len(known), e)
         numbers = ", ".join(f"`{n}`" for n in g.numbers)
-        figures = f"{e.cases} | {e.run} | {e.changed} | {e.better} | {e.worse}"
+        there = sum(g.name in acts for acts in machines)
+        figures = f"{there} | {e.cases} | {e.run} | {e.changed} | {e.better} | {e.worse}"
         rows.append(
             (e.worse - e.better, -e.changed, f"| {g.name} | {g.meaning} | {numbers} | {figures} | {word} |")
         )
-    head = HEAD.format(by=NEEDED_BY, command=command, count=len(known))
+    head = HEAD.format(by=NEEDED_BY, command=command, count=len(known), machines=len(machines))
     return head + "\n".join(row for _, _, row in sorted(rows)) + "\n" + GONE

@@ -2,13 +2,17 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from experiments.ablation import __main__ as command
-from experiments.ablation.compared import Effect, acted, cases_of, effect, place
+from experiments.ablation.compared import Effect, acted, cases_of, effect, place, public
 from experiments.ablation.one import ALL
 from experiments.ablation.table import verdict
+from experiments.atlas.machines import MACHINES, Machine
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.evidence import scored
 
 FRICTION, DAMPING, GAIN = (
     ("coulomb_friction", "hinge"),
@@ -85,6 +89,7 @@ def test_a_rule_is_needed_once_chance_is_ruled_out() -> None:
         (Effect(90, 30, 9, 9, 0), "needed"),
         (Effect(90, 30, 3, 2, 1), "not all run"),
         (Effect(90, 90, 1, 1, 0), "fewer than 1 % change"),
+        (Effect(1, 0, 0, 0, 0), "fewer than 1 % change"),
         (Effect(90, 90, 9, 5, 3), "no better without it"),
         (Effect(90, 90, 9, 3, 5), "no worse without it"),
     ],
@@ -95,15 +100,19 @@ def test_a_rule_in_a_few_words(effect_of: Effect, said: str) -> None:
 
 def test_the_page_has_every_rule(ran: Path, tmp_path: Path) -> None:
     page = tmp_path / "ablation.md"
+    (ran / "public").mkdir()
+    for key, acts in (("brfd", ["named"]), ("ur10_bag", [])):
+        public(ran, key).write_text(json.dumps(acts))
     given = ["table", "--cases", str(tmp_path / "cases7"), "--out", str(ran), "--page", str(page)]
     assert command.main(given) == 0
     text = page.read_text()
-    assert "3 cases" in text
+    assert "3 cases" in text and "2 public machines" in text
     assert (
-        "| named | parameters differ from where the effect vanishes | `NAMED` | 2 | 2 | 1 | 1 | 0 |" in text
+        "| named | parameters differ from where the effect vanishes | `NAMED` | 1 | 2 | 2 | 1 | 1 | 0 |"
+        in text
     )
     assert (
-        "| tie | what the ratio does not tell apart is a tie | `SURE` | 0 | 0 | 0 | 0 | 0 | fewer than 1 % change |"
+        "| tie | what the ratio does not tell apart is a tie | `SURE` | 0 | 0 | 0 | 0 | 0 | 0 | fewer than 1 % change |"
         in text
     )
 
@@ -111,3 +120,32 @@ def test_the_page_has_every_rule(ran: Path, tmp_path: Path) -> None:
 def test_folders_without_cases_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main(["table", "--cases", str(tmp_path), "--out", str(tmp_path)]) == 2
     assert "no cases in" in capsys.readouterr().err
+
+
+def test_rules_are_watched_on_public_machines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for key in ("brfd", "ur10_bag"):
+        folder = tmp_path / "recordings" / MACHINES[key].folder
+        folder.mkdir(parents=True)
+        (folder / "model.xml").write_text("<mujoco/>")
+    seen = []
+
+    def diagnosed(machine: Machine, recordings: Path, jobs: int) -> None:
+        seen.append(machine.key)
+        # a rule acts: one of two fits that tie is dropped
+        few = [SimpleNamespace(loss=x, hypothesis=Hypothesis()) for x in (1.0, 9.0, 9.1, 9.2)]
+        scored.hopeful(few, 10.0)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(command, "diagnosed", diagnosed)
+    given = ["public", "--recordings", str(tmp_path / "recordings"), "--out", str(tmp_path / "out")]
+    assert command.main(given) == 0 and command.main(given) == 0
+    assert seen == ["brfd", "ur10_bag"]
+    assert json.loads(public(tmp_path / "out", "brfd").read_text()) == ["hopeful"]
+
+
+@pytest.mark.parametrize("key", ["nobody", "go2_legs"])
+def test_a_public_machine_that_is_not_there(
+    tmp_path: Path, key: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["public", "--recordings", str(tmp_path), "--out", str(tmp_path / "out"), "--machine", key]
+    assert command.main(given) == 2
+    assert ("there is no machine 'nobody'" in (said := capsys.readouterr().err)) or "has no go2_legs" in said
