@@ -26,7 +26,7 @@ not all run.
 and {machines} public machines, on which it was watched which rules act. Rules are ordered by what they do; of those
 that are not all run, the figures are of the cases that were.
 
-| rule | what it is for | numbers | acted: machines | cases | run without it | changed | better with it | worse with it | |
+| rule | what it is for | numbers | acted: machines | cases | run without | changed | better with it | worse with it | |
 |---|---|---|--:|--:|--:|--:|--:|--:|---|
 """
 
