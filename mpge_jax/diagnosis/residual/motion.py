@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -70,20 +72,17 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     longer = p.all_to_train().windows("train", p.config.report_s, WINDOWS, seed=18)
     now, term, theta, tried = f, None, np.zeros(0), []
     for _ in range(PASSES):
-        white = s.whiten_one(now, w)
-        weight = _weight(white, white(p.sim.residuals([Run(now.hypothesis, now.theta)], w)[0]))
+        task = _Task(p, f, w, s.whiten_one(now, w), fold)
+        weight = task.weight(now)
 
-        def problem(
-            effect: Residual, place: Place, white: Whitener = white, weight: Array = weight
-        ) -> Candidate:
-            empty = with_function(p.ctx, f, Term(effect.id, place))
-            return effect, place.index, _blocks(p, empty, f, w, white, weight)
+        def problem(effect: Residual, place: Place, task: _Task = task, weight: Array = weight) -> Candidate:
+            return effect, place.index, task.near(Term(effect.id, place), None, weight)
 
         best = best_of(candidates, problem, fold)
         if best is None:
             break
         chosen = Term(best.effect.id, next(x for x in places if x.index == best.place))
-        theta = _refined(p, f, chosen, best, w, white, fold, theta if chosen == term else None)
+        theta = task.solved(chosen, best, theta if chosen == term else None)
         term, now = chosen, with_function(p.ctx, f, chosen, theta)
         tried.append((errors(p.sim, now, longer, p.noise).rms, term, theta))
     if not tried:
@@ -93,61 +92,71 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     return Function(term, theta, formula(residual_of(term.id), theta, known[term.place], term, p.ctx))
 
 
-def _weight(white: Whitener, residual: Array) -> Array:
-    """Weights [B] of windows with whitened residuals [B, M]: what is odd counts little."""
-    return np.asarray(1.0 / (1.0 + white.excess(residual) / 5.0))
+@dataclass(frozen=True)
+class _Task:
+    """What a function is fitted to.
 
-
-def _blocks(
-    p: Prepared, f: Fitted, known: Fitted, w: Windows, white: Whitener, weight: Array | None = None
-) -> Blocks:
-    """The windows' least-squares problem of changes of the function that `f` has and `known` lacks.
-
-    Args:
-        weight: [B] of the windows; by what `f` leaves, if not given.
+    Attributes:
+        known: effects beside which it acts. windows: B of them. white: theirs. fold: [B] which are predicted together.
     """
-    (term,) = set(f.hypothesis.terms) - set(known.hypothesis.terms)
-    part = f.hypothesis.slices(p.ctx)[f.hypothesis.terms.index(term)]
-    step = PROBE * max(float(p.ctx.torque[p.ctx.dof(term.place)]), 1e-9)
-    runs = [Run(f.hypothesis, f.theta)]
-    for k in range(part.start, part.stop):
-        theta = f.theta.copy()
-        theta[k] += step
-        runs.append(Run(f.hypothesis, theta))
-    base, *moved = white(p.sim.residuals(runs, w))
-    columns = (np.array(moved) - base) / step
-    return Blocks.of(columns, base, _weight(white, base) if weight is None else weight)
 
+    p: Prepared
+    known: Fitted
+    windows: Windows
+    white: Whitener
+    fold: Array
 
-def _refined(
-    p: Prepared,
-    f: Fitted,
-    term: Term,
-    found: Choice,
-    w: Windows,
-    white: Whitener,
-    fold: Array,
-    start: Array | None,
-) -> Array:
-    """The function's values where the simulation itself is best under the penalty, from `start` or from nothing on."""
+    def solved(self, term: Term, found: Choice, start: Array | None) -> Array:
+        """The function's values where the simulation itself is best under the penalty, from `start` or from nothing on.
 
-    def loss(theta: Array) -> float:
-        g = with_function(p.ctx, f, term, theta)
-        x = white.excess(white(p.sim.residuals([Run(g.hypothesis, g.theta)], w)[0]))
-        return float(robust_loss(x).mean())
+        Args:
+            found: the function told near nothing.
+        """
+        theta = np.zeros(found.values.size) if start is None else start
+        best, aim = self._loss(term, theta), found.values
+        for k in range(STEPS):
+            if k or start is not None:
+                aim = smoothed(found.effect, found.place, self.near(term, theta), self.fold).values
+            tried = [(self._loss(term, theta + x * (aim - theta)), x) for x in SHORTER]
+            least, x = min(tried)
+            if least >= best:
+                break
+            theta = theta + x * (aim - theta)
+            if least > (1.0 - SLOW) * best:
+                break
+            best = least
+        return theta
 
-    theta = np.zeros(found.values.size) if start is None else start
-    best, aim = loss(theta), found.values
-    for k in range(STEPS):
-        if k or start is not None:
-            near = _blocks(p, with_function(p.ctx, f, term, theta), f, w, white).told_at(theta)
-            aim = smoothed(found.effect, found.place, near, fold).values
-        tried = [(loss(theta + x * (aim - theta)), x) for x in SHORTER]
-        least, x = min(tried)
-        if least >= best:
-            break
-        theta = theta + x * (aim - theta)
-        if least > (1.0 - SLOW) * best:
-            break
-        best = least
-    return theta
+    def near(self, term: Term, theta: Array | None = None, weight: Array | None = None) -> Blocks:
+        """The windows' least-squares problem of a function's values, told near some values (0).
+
+        Args:
+            weight: [B] of the windows; by what is left with these values, if not given.
+        """
+        p, f = self.p, with_function(self.p.ctx, self.known, term, theta)
+        part = f.hypothesis.slices(p.ctx)[f.hypothesis.terms.index(term)]
+        step = PROBE * max(float(p.ctx.torque[p.ctx.dof(term.place)]), 1e-9)
+        runs = [Run(f.hypothesis, f.theta)]
+        for k in range(part.start, part.stop):
+            moved = f.theta.copy()
+            moved[k] += step
+            runs.append(Run(f.hypothesis, moved))
+        base, *probed = self.white(p.sim.residuals(runs, self.windows))
+        told = Blocks.of(
+            (np.array(probed) - base) / step, base, self._counted(base) if weight is None else weight
+        )
+        return told if theta is None else told.told_at(theta)
+
+    def weight(self, f: Fitted) -> Array:
+        """Weights [B] of the windows by what `f` leaves: what is odd counts little."""
+        return self._counted(self._left(f))
+
+    def _loss(self, term: Term, theta: Array) -> float:
+        left = self._left(with_function(self.p.ctx, self.known, term, theta))
+        return float(robust_loss(self.white.excess(left)).mean())
+
+    def _left(self, f: Fitted) -> Array:
+        return self.white(self.p.sim.residuals([Run(f.hypothesis, f.theta)], self.windows)[0])
+
+    def _counted(self, left: Array) -> Array:
+        return np.asarray(1.0 / (1.0 + self.white.excess(left) / 5.0))
