@@ -108,11 +108,6 @@ def one_truth(own: Own, p: Any, f: Any, shaken: Any = None, limit: int = 16) -> 
     return home["_floor"](p, f, home["force_noise"](p) if shaken is None else shaken, limit, finer=False)
 
 
-def in_all(own: Own, floor: Any, left: Any) -> bool:
-    """By all degrees of freedom together alone."""
-    return bool(floor.exceeded(left.losses[left.typical]) or floor.far(left.losses))
-
-
 def directions_alone(own: Own, s: Any, ranked: list[Any], *rest: Any) -> Any:
     """The choice among ties by the number of parameters, however direct an explanation is."""
     scored = type(ranked[0])

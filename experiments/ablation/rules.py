@@ -16,7 +16,6 @@ from experiments.ablation.gates import (
     fixed,
     given,
     half_the_sum,
-    in_all,
     numbers,
     one_truth,
     scatter_alone,
@@ -27,7 +26,7 @@ from experiments.ablation.gates import (
 from mpge_jax.diagnosis.thresholds import SURE
 
 CRITERIA, COMPETITION = "selection.criteria", "selection.competition"
-FORWARD, ALTERNATIVES = "selection.forward_selection", "selection.alternatives"
+ALTERNATIVES = "selection.alternatives"
 NULL, RATIO, SCORED = "evidence.null_distribution", "evidence.likelihood_ratio", "evidence.scored"
 ASKED = (SURE, SURE + 2.0 * math.log(500.0))
 """Between which values anything asks for the logarithm of a likelihood ratio: pairs of up to 500 effects."""
@@ -151,14 +150,6 @@ GATES = (
         something,
     ),
     Gate(
-        "pairs",
-        "second effects are tried beside several first ones",
-        ("LEAVES_MUCH",),
-        f"{FORWARD}:_second_round",
-        lambda _own, _s, chosen, _beam: (chosen.fit, [chosen]),
-        lambda answer, _s, chosen, _beam: answer[0] is not chosen.fit,
-    ),
-    Gate(
         "every joint",
         "friction, damping and rotor inertia are tried in every joint at once",
         ("AFTER", "REMAINS"),
@@ -182,14 +173,6 @@ GATES = (
         fixed(None),
     ),
     Gate(
-        "seen from itself",
-        "the nearest alternative is compared under its own noise too",
-        (),
-        f"{ALTERNATIVES}:_seen_from_itself",
-        given(3),
-        lambda answer, _s, _best, _term, rivals: answer is not rivals,
-    ),
-    Gate(
         "richer",
         "laws that contain a plain friction are fitted from where it stands",
         ("RICHER", "SETTLED"),
@@ -203,13 +186,6 @@ GATES = (
         (),
         f"{ALTERNATIVES}:_contains",
         fixed(False),
-    ),
-    Gate(
-        "common",
-        "an added mass may tie with a direction more",
-        ("ADDED_MASS",),
-        f"{ALTERNATIVES}:_compare",
-        numbers(ADDED_MASS=0),
     ),
     Gate(
         "same in principle",
@@ -243,18 +219,11 @@ GATES = (
         went("test"),
     ),
     Gate(
-        "structure",
-        "an excess below that is none",
-        ("EXCESS",),
-        f"{NULL}:Floor.exceeded",
-        numbers(EXCESS=0.0),
-    ),
-    Gate(
         "doubt",
-        "an excess within so many standard errors is none",
+        "an excess over what noise leaves within so many standard errors is none",
         ("DOUBT",),
         f"{NULL}:Floor.exceeded",
-        lambda own, floor, losses, *_doubt: own(floor, losses, 0.0),
+        numbers(DOUBT=0.0),
     ),
     Gate(
         "far windows",
@@ -262,13 +231,6 @@ GATES = (
         ("BEYOND_NOISE",),
         f"{NULL}:Floor.far",
         fixed(False),
-    ),
-    Gate(
-        "joint by joint",
-        "one degree of freedom may show more than the floor by itself",
-        ("ENOUGH_WINDOWS",),
-        f"{NULL}:Floor.beyond",
-        in_all,
     ),
     Gate(
         "finer steps",

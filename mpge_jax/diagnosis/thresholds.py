@@ -14,8 +14,6 @@ MOVES = 0.02
 (friction law, timestep, integrator), which a wrong effect can imitate."""
 INDIRECT = 0.75
 """Directions that a tier counts for where candidates tie: the more direct explanation is the simpler one."""
-ADDED_MASS = 1
-"""Directions that an added mass, the commonest change of all, may have more than what it ties with."""
 
 # how long a search goes on
 AT_NOISE = 1.1
@@ -33,8 +31,6 @@ HOPELESS = 0.06
 HALF_AS_GOOD, FAMILIES = 0.5, 3
 """Share of what the best candidate explains from which on others are fitted further, and families of candidates of
 which the best one always is."""
-LEAVES_MUCH = 2.5
-"""Loss above which the second effect is looked for beside several first ones."""
 AFTER, REMAINS = 3, 0.5
 """Effects that the search has found, or degrees of freedom that still lack something, at which effects in every joint
 are tried; and the share of the squared error that may remain with them."""
@@ -45,13 +41,11 @@ EXCHANGES = 2
 RICHER = 2
 """Elaborate laws in place of one plain one that are fitted to all windows."""
 ENOUGH_WINDOWS = 8
-"""Windows that it takes to look once more, in longer ones, and to tell degrees of freedom apart where noise is all."""
+"""Windows that it takes to look once more, in longer ones."""
 
 # more than noise
-EXCESS = 0.5
-"""Relative chi^2 above what noise leaves from which on something is left."""
 DOUBT = 3.0
-"""Standard errors by which it must exceed that."""
+"""Standard errors by which the mean loss must exceed what noise leaves for something to be left."""
 BEYOND_NOISE = 5.0
 """Loss of a window that no noise explains, whatever the others show."""
 ELSEWHERE_FROM, MANY_ELSEWHERE = 1.3, 0.5

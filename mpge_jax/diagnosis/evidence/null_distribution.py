@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import norm
 
 from mpge_jax.diagnosis.dataset.coarse_sampling import states_as_measured
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -28,7 +27,7 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
 from mpge_jax.diagnosis.simulation.windows import Windows, cut
-from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, DOUBT, ENOUGH_WINDOWS, EXCESS, SEVERAL
+from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, DOUBT, SEVERAL
 
 Array = np.ndarray
 SEGMENT, ALL = 0.8, 1_000_000
@@ -42,52 +41,36 @@ class Floor:
         loss, error: mean of the windows' losses and its standard error. losses: [W] those losses.
         ratio: root-mean-square error relative to `noise_floor`, which takes start state and measurements for
             independent (they are not: the state was smoothed from the same measurements) and knows nothing of noise
-            in measured forces. each: [W, nv] losses of every degree of freedom by itself.
+            in measured forces.
     """
 
     loss: float = 1.0
     error: float = 0.05
     ratio: float = 1.0
     losses: Array = field(default_factory=lambda: np.zeros(0))
-    each: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
-    def exceeded(self, losses: Array, doubt: float = DOUBT) -> bool:
-        """Whether windows with these losses [W] show more than that on average, by so many standard errors."""
-        least = max(self.loss, 1.0)
-        excess = float(losses.mean()) - least
+    def exceeded(self, losses: Array) -> bool:
+        """Whether windows with these losses [W] show more than that on average, beyond doubt."""
+        excess = float(losses.mean()) - max(self.loss, 1.0)
         error = float(losses.std() / np.sqrt(max(losses.size, 1)))
-        return bool(excess > max(EXCESS, doubt * np.hypot(error, self.error)))
+        return bool(excess > DOUBT * np.hypot(error, self.error))
 
-    def far(self, losses: Array, several: int = SEVERAL) -> bool:
+    def far(self, losses: Array) -> bool:
         """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave."""
         usual = float(self.losses.max(initial=0.0))
-        return bool((losses > max(BEYOND_NOISE, 2.0 * usual)).sum() >= several)
+        return bool((losses > max(BEYOND_NOISE, 2.0 * usual)).sum() >= SEVERAL)
 
     def beyond(self, left: Left) -> bool:
-        """Whether more is left than that, in all or at one degree of freedom by itself: where another one scatters
-        widely though nothing is missing there, what all show together says little."""
-        if self.exceeded(left.losses[left.typical]) or self.far(left.losses):
-            return True
-        count, nv = self.each.shape
-        if count < ENOUGH_WINDOWS:
-            return False
-        # one of many that are asked
-        doubt = float(norm.isf(norm.sf(DOUBT) / nv))
-        errors = self.each.std(0, ddof=1) / np.sqrt(count)
-        alone = [Floor(x.mean(), e, 1.0, x) for x, e in zip(self.each.T, errors, strict=True)]
-        return any(
-            f.exceeded(x[left.typical], doubt) or f.far(x, 2 * SEVERAL)
-            for f, x in zip(alone, left.each.T, strict=True)
-        )
+        """Whether more is left than that."""
+        return self.exceeded(left.losses[left.typical]) or self.far(left.losses)
 
 
 @dataclass(frozen=True)
 class Left:
-    """What a hypothesis leaves: losses of all windows [W], of every degree of freedom by itself [W, nv], and which
-    windows were drawn at random [W] (the others were chosen because the nominal model misses most there)."""
+    """What a hypothesis leaves: losses of all windows [W], and which of them were drawn at random [W] (the others were
+    chosen because the nominal model misses most there)."""
 
     losses: Array
-    each: Array
     typical: Array
 
 
@@ -141,14 +124,14 @@ def _floor(prepared: Prepared, f: Fitted, shaken: Array, limit: int, finer: bool
     )
     residual = sim.residuals([Run(f.hypothesis, f.theta)], cuts)[0]
     flat = white(residual)
-    loss, each = robust_loss(white.excess(flat)), robust_loss(white.by_dof(flat, sim.model.nv))
+    loss = robust_loss(white.excess(flat))
     expected = noise_floor(sim, f, cuts, noise)
     positions = np.clip(residual[..., : sim.model.nv], -1e3, 1e3)
     seen = np.isfinite(positions).any((1, 2))
     got = np.nanmean(positions[seen] ** 2, axis=(1, 2))
     ratio = float(np.sqrt(np.median(got / np.maximum(expected[seen], 1e-300)))) if seen.any() else 1.0
     ratio = ratio if shaken.any() else min(ratio, 1.0)
-    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio, loss, each)
+    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio, loss)
 
 
 def force_noise(prepared: Prepared) -> Array:

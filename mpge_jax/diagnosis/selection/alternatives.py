@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.selection.competition import KEEP_OF_MANY
 from mpge_jax.diagnosis.selection.criteria import named, needed
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
-from mpge_jax.diagnosis.thresholds import ADDED_MASS, RICHER, SETTLED, SURE
+from mpge_jax.diagnosis.thresholds import RICHER, SETTLED, SURE
 
 SPECIAL_CASES = {
     "coulomb_friction": (
@@ -91,25 +91,8 @@ def find_rivals(
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
             if other is not None:
                 rivals.append(_compare(s, best, term, r, other))
-        out[term] = _one_each(_seen_from_itself(s, best, term, sorted(rivals, key=lambda r: r.margin)))
+        out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
-
-
-def _seen_from_itself(s: Search, best: Scored, term: Term, rivals: list[Rival]) -> list[Rival]:
-    """The same, with the leading rival, if it is not clearly better, compared under its own whitening: around a
-    hypothesis that misses what it explains, sigma is enlarged, and starts take up the rest."""
-    lead = next(
-        (r for r in rivals if r.margin < 0.0 and named(s, r.fit, best.fit.hypothesis.without(term))), None
-    )
-    if lead is None or lead.better:
-        return rivals
-    whites = s.whiten(lead.fit)
-    old, new = fit(s.sim, [best.fit, lead.fit], s.train, whites[0], iterations=3)
-    if new.loss > old.loss:
-        return rivals
-    scored = s.score([old, new], whites)
-    again = _compare(s, scored[0], term, scored[1], lead.term)
-    return [again if r is lead else r for r in rivals] if again.better else rivals
 
 
 def _richer(
@@ -204,7 +187,6 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) ->
         return Rival(other, rival.fit, margin, why)
     if not told_apart:
         return Rival(other, rival.fit, margin, "the data do not determine its parameters")
-    extra = ADDED_MASS if other.name == "payload_mass" else 0
-    if rival.directions > best.directions + extra:
+    if rival.directions > best.directions:
         return Rival(other, rival.fit, margin, "it needs more free parameters for the same fit")
     return Rival(other, rival.fit, margin, "the data cannot tell the two apart", tied=True)

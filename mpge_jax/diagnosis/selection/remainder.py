@@ -55,13 +55,12 @@ def remainder(s: Search, f: Fitted, noise: Floor, thorough: bool = True) -> Rema
 
 def leaves(s: Search, f: Fitted) -> Remainder:
     """What `f` leaves, noise included."""
-    whites, losses, each = s.whiten(f, temper=False), [], []
+    whites, losses = s.whiten(f, temper=False), []
     for w, white in zip((s.train, s.held), whites, strict=True):
         flat = white(s.sim.residuals([Run(f.hypothesis, f.theta)], w))[0]
         losses.append(robust_loss(white.excess(flat)))
-        each.append(robust_loss(white.by_dof(flat, s.sim.model.nv)))
     typical = np.ones(s.train.count + s.held.count, bool)
     typical[s.typical : s.train.count] = s.typical is None
-    left = Left(np.concatenate(losses), np.concatenate(each), typical)
+    left = Left(np.concatenate(losses), typical)
     s.log.append(f"left by {f.hypothesis}: loss {left.losses[typical].mean():.3f}")
     return Remainder(f, s, left, whites)

@@ -12,20 +12,17 @@ from tests.diagnosis.machines import FLYER, PENDULUM, record
 from tests.diagnosis.searches import prepared_of
 
 
-def test_what_one_joint_leaves_does_not_drown_in_what_another_scatters():
-    rng = np.random.default_rng(0)
-    wild = rng.uniform(1.0, 9.0, (60, 1))
-    calm = 0.9 + 0.05 * rng.standard_normal((60, 1))
-    losses, typical = 0.5 * (wild + calm)[:, 0], np.ones(60, bool)
-    floor_of = Floor(losses.mean(), 0.3, 1.0, losses[:32], np.hstack([wild, calm])[:32])
-    assert not floor_of.beyond(Left(losses, np.hstack([wild, calm]), typical))
-    # the second joint leaves twice as much as noise would, or much in a few windows
-    assert floor_of.beyond(Left(losses, np.hstack([wild, 2 * calm]), typical))
-    few = calm.copy()
-    few[-6:] = 6.0
-    assert floor_of.beyond(Left(losses, np.hstack([wild, few]), np.arange(60) < 50))
-    few[-1:] = 1.0
-    assert not floor_of.beyond(Left(losses, np.hstack([wild, few]), typical))
+def test_more_is_left_by_the_mean_or_in_several_windows_far_beyond():
+    noise = Floor(1.2, 0.05, 1.0, np.linspace(0.8, 2.0, 32))
+    usual, typical = np.tile([1.1, 1.3], 30), np.arange(60) < 50
+    assert not noise.beyond(Left(usual, typical))
+    # three standard errors of both means are 0.15
+    assert not noise.beyond(Left(usual + 0.14, typical)) and noise.beyond(Left(usual + 0.18, typical))
+    few = usual.copy()
+    few[-2:] = 6.0
+    assert not noise.beyond(Left(few, typical))
+    few[-3:] = 6.0
+    assert noise.beyond(Left(few, typical))
 
 
 def test_the_floor_is_what_a_true_model_leaves():

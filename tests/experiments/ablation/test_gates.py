@@ -96,10 +96,10 @@ def test_gains_by_their_mean_alone():
 
 
 def test_methods_are_given_their_object():
-    floor = Floor(loss=1.0, error=0.01)
+    floor = Floor(loss=1.0, error=0.1)
     slight = np.full(50, 1.2)
     assert not floor.exceeded(slight)
-    with without(gate("structure")):
+    with without(gate("doubt")):
         assert floor.exceeded(slight)
     with without(gate("far windows")):
         assert not floor.far(np.full(50, 100.0))
