@@ -204,6 +204,17 @@ def test_wrong_names_are_those_named_for_certain():
     assert judge(off, said({"id": "backlash", "at": "elbow"}), 1.0).wrong == [("backlash", "elbow")]
 
 
+def test_what_stands_for_masses_that_are_off_is_no_second_answer():
+    off = hidden(FRICTION, kind="single", concealed=["masses and inertias off"])
+    scale = {"id": "mass_scale", "at": "world", "parameters": {"factor": 1.1}}
+    masses = (scale, {"id": "com_offset", "at": "fore"})
+    open_ = said(FRICTION, masses[0], verdict="ambiguous", ambiguous=masses)
+    assert judge(off, open_, 1.0).exact == 1.0
+    assert judge(hidden(FRICTION, kind="single"), open_, 1.0).exact == 0.0
+    # where a mass is what was hidden, it must be told from others
+    assert judge(hidden(scale, kind="single"), open_, 1.0).exact == 0.0
+
+
 def test_what_is_hidden_below_the_noise_is_told_apart():
     small = judge(hidden(FRICTION, kind="single", visibility={"a": 5.0}), said(verdict="none"), 1.0)
     large = judge(hidden(FRICTION, kind="single", visibility={"a": 60.0, "b": 13.0}), said(FRICTION), 1.0)

@@ -10,6 +10,7 @@ A dead actuator reported as a gain of 0 is a wrong name: the contract gives it i
 """
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from experiments.blind.scoring.parameters import Compared, compare
@@ -109,7 +110,12 @@ def _rename(answer: dict, entry: dict) -> Named:
 
 def _exact(answer: dict, report: dict, named: list[Named]) -> float:
     truth = frozenset((e["id"], e["at"]) for e in answer["effects"])
-    named = [n for n in named if n in truth or not _truly_off(answer, n)]
+
+    def meant(names: Iterable[Named]) -> list[Named]:
+        """Without what stands for the given model's masses."""
+        return [n for n in names if n in truth or not _truly_off(answer, n)]
+
+    named = meant(named)
     twins = frozenset((i, a) for e in answer["effects"] for i, a in e["twins"])
     coin = any(e["coin"] for e in answer["effects"])
     if report.get("verdict") == "effects":
@@ -121,7 +127,7 @@ def _exact(answer: dict, report: dict, named: list[Named]) -> float:
     if report.get("verdict") != "ambiguous":
         return 0.0
     groups = [
-        [frozenset(_rename(answer, e) for e in candidate) for candidate in group.get("candidates") or []]
+        [frozenset(meant(_rename(answer, e) for e in c)) for c in group.get("candidates") or []]
         for group in report.get("ambiguous") or []
     ]
     if not groups or any(not group for group in groups):
