@@ -51,12 +51,11 @@ class Reached:
     """Where a search is.
 
     Attributes:
-        fit: what was accepted so far. last: what was ranked beside its last effect. first: beside its first.
+        fit: what was accepted so far. last: what was ranked beside its last effect.
     """
 
     fit: Fitted = NOTHING
     last: tuple[Scored, ...] = ()
-    first: tuple[Scored, ...] = ()
 
 
 @dataclass

@@ -42,7 +42,7 @@ def attach(s: Search, p: Prepared, path: Path) -> None:
 
     def keep(r: Reached) -> None:
         table = {"of": mark, "work": p.sim.work, "looked": s.looked, "fit": _fit_table(r.fit)}
-        table["last"], table["first"] = ([_scored_table(x) for x in ranked] for ranked in (r.last, r.first))
+        table["last"] = [_scored_table(x) for x in r.last]
         files.write_text(path, json.dumps(table))
 
     s.keep = keep
@@ -52,10 +52,8 @@ def attach(s: Search, p: Prepared, path: Path) -> None:
         if table["of"] != mark:
             return
         counts = s.train.count, s.held.count
-        last, first = (
-            tuple(_scored(p.ctx, terms, x, counts) for x in table[name]) for name in ("last", "first")
-        )
-        reached = Reached(_fit(p.ctx, terms, table["fit"]), last, first)
+        last = tuple(_scored(p.ctx, terms, x, counts) for x in table["last"])
+        reached = Reached(_fit(p.ctx, terms, table["fit"]), last)
         work = float(table["work"])
         if not 0.0 <= work < np.inf:
             raise ValueError("no work")

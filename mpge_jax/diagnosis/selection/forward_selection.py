@@ -17,10 +17,10 @@ REST = 2.0
 
 def search(s: Search) -> tuple[Fitted, list[Scored]]:
     """Forward selection; returns the fit and the last round's field."""
-    current, last, first_round = s.resume.fit, list(s.resume.last), list(s.resume.first)
+    current, last = s.resume.fit, list(s.resume.last)
 
     def keep() -> None:
-        s.keep(Reached(current, tuple(last), tuple(first_round)))
+        s.keep(Reached(current, tuple(last)))
 
     began, rounds = time.monotonic(), 0
     while s.terms and len(current.hypothesis.terms) < s.max_terms:
@@ -32,8 +32,6 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         chosen = _chosen(s, ranked, base) if ranked else None
         if chosen is not None:
             current, last = chosen.fit, ranked
-            if depth == 0:
-                first_round = ranked
             if due(s, current):
                 current = everywhere(s, current)
         else:
@@ -44,7 +42,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
                 break
             current = wider
         keep()
-    return current, last or first_round
+    return current, last
 
 
 def _chosen(s: Search, ranked: list[Scored], base: Scored) -> Scored | None:

@@ -38,9 +38,7 @@ def kept(rubbing, tmp_path, monkeypatch):
     monkeypatch.setattr(p.sim, "work", 7.5)
     path = tmp_path / ".progress.json"
     checkpoint.attach(s, p, path)
-    state = Reached(
-        _fit(s, {COULOMB: [0.1]}), (_scored(s, {COULOMB: [0.1]}),), (_scored(s, {DAMPING: [0.02]}),)
-    )
+    state = Reached(_fit(s, {COULOMB: [0.1]}), (_scored(s, {COULOMB: [0.1]}), _scored(s, {DAMPING: [0.02]})))
     s.keep(state)
     s.resume, p.sim.work = Reached(), 0.0
     return s, p, path, state
@@ -51,7 +49,7 @@ def test_what_is_kept_comes_back(kept):
     checkpoint.attach(s, p, path)
     found = s.resume
     assert p.sim.work == 7.5 and found.fit.hypothesis == state.fit.hypothesis
-    for a, b in ((found.fit, state.fit), (found.first[0].fit, state.first[0].fit)):
+    for a, b in ((found.fit, state.fit), (found.last[1].fit, state.last[1].fit)):
         for name in ("theta", "centre", "information", "cov", "x"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
     np.testing.assert_array_equal(found.last[0].each, state.last[0].each)
@@ -95,13 +93,13 @@ def _fits(s, p) -> None:
     """What the search would go on from is of its own shape, and finite."""
     windows = s.train.count + s.held.count
     assert np.isfinite(p.sim.work) and p.sim.work >= 0.0
-    for f in (s.resume.fit, *(x.fit for x in (*s.resume.last, *s.resume.first))):
+    for f in (s.resume.fit, *(x.fit for x in s.resume.last)):
         many = len(f.hypothesis.params(p.ctx))
         assert f.theta.shape == f.centre.shape == (many,)
         assert np.isfinite(f.theta).all() and np.isfinite(f.centre).all()
         assert f.information.shape in ((0, 0), (many, many)) and f.cov.shape in ((0, 0), (many, many))
         assert np.isfinite(f.information).all() and np.isfinite(f.cov).all()
-    for x in (*s.resume.last, *s.resume.first):
+    for x in s.resume.last:
         assert (x.train.shape, x.held.shape) == ((s.train.count,), (s.held.count,))
         assert x.each.shape[0] in (0, windows) and np.isfinite([*x.train, *x.held, x.factor]).all()
 
