@@ -1,5 +1,5 @@
-"""What recording did to the recordings: how old servos' forces are, when late forces began, where encoders had their
-zeros."""
+"""What recording did to the recordings: which row holds a command, how old servos' forces are, when late forces began,
+where encoders had their zeros."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.measurement.command_rows import a_row_earlier, rows_are_late
 from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, arrivals, moved, with_arrivals
 from mpge_jax.diagnosis.measurement.encoder_zeros import describe_zeros, other_zeros, with_zeros
 from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age
+from mpge_jax.diagnosis.recordings.command_lag import READ_SO
 from mpge_jax.diagnosis.selection.procedure import Decision
 
 
@@ -43,6 +45,14 @@ class MeasurementModel:
     def given(self, f: Fitted) -> MeasurementModel:
         """The same with the delays that are likeliest if `f` is true."""
         return replace(self, delays=arrivals(self.at_rows, f, self.late))
+
+    def with_moved_rows(self, found: Decision) -> MeasurementModel | None:
+        """With every command on the row before, where what was found predicts better so; else None."""
+        nothing = not found.fit.hypothesis.terms and found.left is None
+        if nothing or not rows_are_late(self.read(), found.fit):
+            return None
+        self.at_rows.warnings.append(READ_SO)
+        return replace(self, at_rows=a_row_earlier(self.at_rows)).given(found.fit)
 
     def with_moved_ages(self, found: Decision) -> MeasurementModel | None:
         """With another age of the servos' forces, where what was found leaves something and tells one: what was missing

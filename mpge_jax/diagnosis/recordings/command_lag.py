@@ -24,6 +24,9 @@ SHARP = 20.0
 """Least fall of twice the log likelihood towards the best lag, from a row beside it."""
 ALIKE = 1.0
 """Rows within which lags of several actuators are one."""
+READ_SO = (
+    "each row holds the command of the row before it (the motion is ahead of it by a row): it was read so."
+)
 NOT_TOLD = (
     "how late commands act all together cannot be told from it: a delay that all actuators have in common may be the "
     "clock's."
@@ -66,47 +69,63 @@ def without_previous_commands(
     done, for the user."""
     told = 0
     for r in recordings:
-        lag = None if r.ctrl is None else common_lag(r.time, r.qpos, r.qvel, r.ctrl, model)
+        lag = None if r.ctrl is None else common_lag(r.time, r.qpos, r.qvel, r.ctrl, model, r.force)
         if lag is not None and not -1.5 < lag.common / lag.step < -0.5:
             return recordings, []
         told += lag is not None
     if 2 * told <= len(recordings):
         return recordings, []
-    moved = [
-        r if r.ctrl is None else replace(r, ctrl=np.concatenate([r.ctrl[1:], r.ctrl[-1:]]))
-        for r in recordings
-    ]
-    text = "each row holds the command of the row before it (the motion is ahead of it by a row): it was read so."
-    return moved, [text]
+    return [r if r.ctrl is None else _read_so(r, r.ctrl) for r in recordings], [READ_SO]
+
+
+def _read_so(r: Recording, ctrl: Array) -> Recording:
+    """Every row with the command of the next one, and without the last one, whose command was not logged."""
+    cut = {k: v[:-1] for k in ("time", "qpos", "qvel", "force") if (v := getattr(r, k)) is not None}
+    return replace(r, **cut, ctrl=ctrl[1:])
 
 
 def common_lag(
-    time: Array, qpos: Array, qvel: Array | None, ctrl: Array, model: mujoco.MjModel
+    time: Array,
+    qpos: Array,
+    qvel: Array | None,
+    ctrl: Array,
+    model: mujoco.MjModel,
+    measured: Array | None = None,
 ) -> Lag | None:
-    """The lag with which commands [T, nu] explain the forces that the motion needs; None where they do not tell.
+    """The lag with which commands [T, nu] explain the forces of the actuators, or those that the motion needs; None
+    where they do not tell.
 
-    The force that each driven joint needs, by inverse dynamics of the model, is regressed on its command, position,
-    velocity, friction and a constant, for every lag. Accelerations are differences over some rows, and commands are
-    averaged over the same time, so that neither is late.
+    The force of each driven joint, measured or else by inverse dynamics of the model, is regressed on its command,
+    position, velocity, friction and a constant, for every lag. Accelerations are differences over some rows, and
+    commands are averaged over the same time, so that neither is late.
 
     Args:
-        time: [T] s. qpos: [T, nq]. qvel: [T, nv] or None.
+        time: [T] s. qpos: [T, nq]. qvel: [T, nv] or None. measured: [T, nu] forces of actuators, or None.
     """
     driven = [a for a in range(model.nu) if is_joint_transmission(model, a)]
-    if model.nq != model.nv or not driven or time.size < ENOUGH:
+    if measured is not None and not np.isfinite(measured[:, driven]).all():
+        measured = None
+    if (model.nq != model.nv and measured is None) or not driven or time.size < ENOUGH:
         return None
     step = float(np.median(np.diff(time)))
     s = max(1, round(OVER / step))
     rows = _rows(time, s, step)
     if rows.size < ENOUGH or not np.isfinite(ctrl).all() or np.isnan(qpos).any():
         return None
-    v, acceleration = _motion(time, qpos, None if qvel is None or np.isnan(qvel).any() else qvel, rows, s)
-    force = _needed(model, qpos[rows], v, acceleration)
+    qvel = None if qvel is None or np.isnan(qvel).any() else qvel
+    v, acceleration = _motion(time, qpos, qvel, rows, s)
     lags = np.arange(-LONGEST, LONGEST + 1e-9, max(step / 4, 1e-3))
+    if measured is None:
+        needed = _needed(model, qpos[rows], v, acceleration)
+        forces = {a: needed[:, model.jnt_dofadr[model.actuator_trnid[a, 0]]] for a in driven}
+    else:
+        forces = {a: _mean(time, measured[:, a], rows, s, 0.0) for a in driven}
     curves = {}
     for a in driven:
-        dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
-        curve = _misfit(time, ctrl[:, a], force[:, dof], qpos[rows, dof], v[:, dof], rows, s, lags)
+        joint = int(model.actuator_trnid[a, 0])
+        column = int(model.jnt_qposadr[joint])
+        speed = v[:, column if qvel is None else model.jnt_dofadr[joint]]
+        curve = _misfit(time, ctrl[:, a], forces[a], qpos[rows, column], speed, rows, s, lags)
         if curve is not None and _is_sharp(curve, lags, step, rows.size / (2 * s)):
             curves[a] = curve
     if not curves:
@@ -154,8 +173,6 @@ def _misfit(
     time: Array, command: Array, force: Array, q: Array, v: Array, rows: Array, s: int, lags: Array
 ) -> Array | None:
     """Logarithm of the variance of the force that is left at each lag; None where the command explains too little."""
-    total = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(time))])
-    first, last = time[rows - s], time[rows + s]
     fixed = np.stack([q, v, np.tanh(v / max(0.1 * float(np.std(v)), 1e-9)), np.ones_like(q)], axis=1)
     basis, _ = np.linalg.qr(fixed)
     y = force - basis @ (basis.T @ force)
@@ -164,12 +181,19 @@ def _misfit(
         return None
     left = np.empty(lags.size)
     for i, lag in enumerate(lags):
-        x = (np.interp(last - lag, time, total) - np.interp(first - lag, time, total)) / (last - first)
+        x = _mean(time, command, rows, s, lag)
         x = x - basis @ (basis.T @ x)
         size = float(x @ x)
         left[i] = whole - (float(x @ y) ** 2 / size if size > 0 else 0.0)
     left = np.maximum(left, 1e-9 * whole)
     return None if left.min() > (1 - EXPLAINED) * whole else np.log(left)
+
+
+def _mean(time: Array, held: Array, rows: Array, s: int, lag: float) -> Array:
+    """Mean [R] of what is held from row to row over the time around some rows, `lag` s late."""
+    total = np.concatenate([[0.0], np.cumsum(held[:-1] * np.diff(time))])
+    first, last = time[rows - s], time[rows + s]
+    return (np.interp(last - lag, time, total) - np.interp(first - lag, time, total)) / (last - first)
 
 
 def _is_sharp(curve: Array, lags: Array, step: float, independent: float) -> bool:

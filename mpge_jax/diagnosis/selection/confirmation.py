@@ -22,24 +22,28 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
     """The fit without the effects that do not make one part's recordings better predicted, over windows of the reported
     length, beyond doubt; with its errors there, and those effects.
 
-    One is taken away at a time, as others may stand in for it, and the others are fitted again. What is left must then
-    predict better than the model as given, or all of it goes.
+    One is taken away at a time, as others may stand in for it, and the others are fitted again. All that went together
+    must not be missed either: what each of many explains may be too slight to be sure of, and its sum is not. What is
+    left must then predict better than the model as given, or all of it goes.
     """
     gone: list[Term] = []
-    while True:
-        report = fit_report(p, f, part)
-        if not f.hypothesis.terms:
-            return f, report, gone
+    report = fit_report(p, f, part)
+    whole = report.after
+    while f.hypothesis.terms:
         sure = {t: _evidence(e, report.after) for t, e in errors_without(p, f, report).items()}
         weakest = min(sure, key=lambda t: sure[t])
-        if sure[weakest] <= SURE:
-            gone.append(weakest)
-            f = _refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
-        elif _evidence(report.before, report.after) <= SURE:
-            gone += f.hypothesis.terms
-            f = NOTHING
-        else:
-            return f, report, gone
+        if sure[weakest] > SURE:
+            break
+        fewer = _refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
+        its = fit_report(p, fewer, part)
+        if _evidence(its.after, whole) > SURE:
+            break
+        gone.append(weakest)
+        f, report = fewer, its
+    if f.hypothesis.terms and _evidence(report.before, report.after) <= SURE:
+        gone += f.hypothesis.terms
+        f, report = NOTHING, fit_report(p, NOTHING, part)
+    return f, report, gone
 
 
 def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:

@@ -1,0 +1,64 @@
+"""Logs whose rows hold the command of the row before: no delay of a machine and no clock explains a motion that follows
+commands before they were sent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
+from mpge_jax.diagnosis.estimation.whitening import Whitener, numerics, robust_loss, whitener
+from mpge_jax.diagnosis.evidence.likelihood_ratio import log_ratio
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.thresholds import SURE
+
+Array = np.ndarray
+WINDOWS, FEWEST, ITERATIONS = 60, 4, 4
+
+
+def a_row_earlier(p: Prepared) -> Prepared:
+    """The same with every command on the row before, where it was given."""
+    commanded = ~p.measured
+
+    def again(s: Source) -> Source:
+        command, r = s.command.copy(), s.recording
+        command[:-1, commanded] = s.command[1:, commanded]
+        ctrl = None if r.ctrl is None else np.concatenate([r.ctrl[1:], r.ctrl[-1:]])
+        return s.rebuilt(command=command, recording=replace(r, ctrl=ctrl))
+
+    return p.mapped(again)
+
+
+def rows_are_late(p: Prepared, f: Fitted) -> bool:
+    """Whether recordings that `f` was not fitted to are predicted better, beyond doubt, with commands of a row earlier,
+    its parameters fitted anew either way."""
+    if p.measured.all() or p.model.nu == 0:
+        return False
+    now, then = p, a_row_earlier(p)
+    cuts = [(q.windows("train", q.config.decide_s, WINDOWS, seed=31), _held(q)) for q in (now, then)]
+    if min(w.count for pair in cuts for w in pair) < FEWEST:
+        return False
+    fits = [_fitted(q, f, train) for q, (train, _) in zip((now, then), cuts, strict=True)]
+    white = _white(then, fits[1], cuts[1][1])
+    before, after = (
+        robust_loss(white.excess(white(q.sim.residuals([Run(g.hypothesis, g.theta)], held)[0])))
+        for q, g, (_, held) in zip((now, then), fits, cuts, strict=True)
+    )
+    return log_ratio(before - after) > SURE
+
+
+def _held(p: Prepared) -> Windows:
+    return p.windows("choice", p.config.decide_s, WINDOWS, seed=31)
+
+
+def _fitted(p: Prepared, f: Fitted, w: Windows) -> Fitted:
+    return fit(p.sim, [f], w, _white(p, f, w), iterations=ITERATIONS)[0] if f.theta.size else f
+
+
+def _white(p: Prepared, f: Fitted, w: Windows) -> Whitener:
+    return whitener(p.sim, f.hypothesis, f.theta, w, p.noise, numerics(p.sim, f.hypothesis, f.theta, w))

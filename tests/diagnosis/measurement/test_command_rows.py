@@ -1,0 +1,88 @@
+"""Logs whose rows hold the command of the row before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis import Recording
+from mpge_jax.diagnosis.effects.context import Place
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.measurement.command_rows import a_row_earlier, rows_are_late
+from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
+from mpge_jax.diagnosis.recordings.command_lag import READ_SO, without_previous_commands
+from mpge_jax.diagnosis.selection.procedure import Decision
+from mpge_jax.diagnosis.selection.setup import build_search
+from tests.diagnosis.machines import ARM, ROTORS, record
+from tests.diagnosis.searches import fitted, prepared_of
+
+DRAG = Term("viscous_damping", Place("joint", "x", 0))
+
+
+def moved(recordings: list[Recording], rows: int) -> list[Recording]:
+    """Logs with every command `rows` later than it was given."""
+    at = [np.clip(np.arange(r.time.size) - rows, 0, r.time.size - 1) for r in recordings]
+    return [replace(r, ctrl=r.ctrl[k]) for r, k in zip(recordings, at, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def flights() -> list[Recording]:
+    """A drone with drag, whose thrust turns it: no joint has a motor, so that no force of one tells its command's."""
+
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_damping[0] = 0.5
+
+    return record(ROTORS, [3.0, 3.0], change=change)
+
+
+@pytest.mark.parametrize(("rows", "late"), [(1, True), (0, False), (-1, False)])
+def test_the_likelihood_tells_which_row_a_command_belongs_to(flights, rows, late):
+    logs = moved(flights, rows)
+    assert not without_previous_commands(logs, mujoco.MjModel.from_xml_string(ROTORS))[1]
+    p = prepared_of(ROTORS, logs)
+    s = build_search(p, lambda _text: None, p.config.decide_s)
+    f = fitted(s, {DRAG: [0.5]})
+    assert rows_are_late(p, f) == late
+    again = MeasurementModel.without_physics(p, {}).with_moved_rows(Decision(f, {}, None, None))
+    assert (again is not None) == late == (READ_SO in p.warnings)
+    if late:
+        true = {r.name: r.ctrl for r in flights}
+        for x in again.read().train:
+            rows_of = np.searchsorted(flights[0].time, x.recording.time[:-1] - 1e-9)
+            np.testing.assert_array_equal(x.command[:-1], true[x.recording.log][rows_of])
+
+
+def test_where_nothing_is_missing_nobody_asks(flights):
+    p = prepared_of(ROTORS, moved(flights, 1))
+    measurement = MeasurementModel.without_physics(p, {})
+    assert measurement.with_moved_rows(Decision(NOTHING, {}, None, None)) is None
+
+
+def test_measured_forces_stay_on_their_rows(flights):
+    p = prepared_of(ROTORS, flights)
+    p = replace(p, measured=np.array([True, False]))
+    for old, new in zip(p.train, a_row_earlier(p).train, strict=True):
+        np.testing.assert_array_equal(new.command[:, 0], old.command[:, 0])
+        np.testing.assert_array_equal(new.command[:-1, 1], old.command[1:, 1])
+
+
+def test_measured_forces_tell_it_before_any_search():
+    """Of a servo that pushes as it is told: what it was told a row later is what each row's force is of."""
+    runs = [
+        replace(r, force=np.stack([r.ctrl[:, 0], 8 * (r.ctrl[:, 1] - r.qpos[:, 1])], 1))
+        for r in record(ARM, [1.5, 0.6], rate=50)
+    ]
+    model = mujoco.MjModel.from_xml_string(ARM)
+    for rows, late in ((1, True), (0, False), (-1, False)):
+        read, told = without_previous_commands(moved(runs, rows), model)
+        assert told == ([READ_SO] if late else [])
+        if late:
+            for r, true in zip(read, runs, strict=True):
+                # the last row's command was not logged
+                assert r.time.size == r.force.shape[0] == true.time.size - 1
+                np.testing.assert_array_equal(r.ctrl, true.ctrl[:-1])
+                np.testing.assert_array_equal(r.force, true.force[:-1])
