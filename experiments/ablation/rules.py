@@ -23,6 +23,7 @@ from experiments.ablation.gates import (
     went,
     within,
 )
+from mpge_jax.diagnosis.evidence.scored import evidence
 from mpge_jax.diagnosis.thresholds import SURE
 
 CRITERIA, COMPETITION = "selection.criteria", "selection.competition"
@@ -90,7 +91,7 @@ GATES = (
         "what the ratio does not tell apart is a tie",
         ("SURE",),
         f"{SCORED}:clearly_worse",
-        numbers(SURE=0.0),
+        lambda _own, a, best: evidence(best, a) > 0.0,
     ),
     Gate(
         "simplest of ties",

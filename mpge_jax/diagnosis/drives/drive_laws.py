@@ -15,11 +15,10 @@ from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.step import Fields, Step
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.evidence.likelihood_ratio import log_ratio
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
 from mpge_jax.diagnosis.machine.model import clipped, is_joint_transmission
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import stroke
-from mpge_jax.diagnosis.thresholds import SURE
 
 Array = np.ndarray
 BLOCK_S = 0.25
@@ -280,9 +279,9 @@ def search_law(model: mujoco.MjModel, ctx: Context, place: Place, d: Data, ids: 
         before = _robust(before, reference)
         field_ = sorted(((f, _robust(b, reference)) for f, b in field_), key=lambda x: x[1].mean())
         top = field_[0]
-        tied = [x for x in field_ if log_ratio(x[1] - top[1]) <= SURE]
+        tied = [x for x in field_ if not beyond_doubt(log_ratio(x[1] - top[1]))]
         chosen, after = min(tied, key=lambda x: (x[0].theta.size, _tier(x[0]), x[1].mean()))
-        if log_ratio(before - after) <= SURE + np.log(len(field_)):
+        if not beyond_doubt(log_ratio(before - after), len(field_)):
             return current
         old, new = (residual(model, ctx, f, a, d.held, d) for f in (current, chosen))
         if _is_detail(old * d.sigma, new * d.sigma, d.held, float(ctx.drive[a]), float(model.opt.timestep)):

@@ -16,13 +16,12 @@ from mpge_jax.diagnosis.drives.command_to_force import MOVING, ActuatorSide
 from mpge_jax.diagnosis.drives.drive_laws import BLOCK_S, log_of, predict
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import robust_loss, whitener
-from mpge_jax.diagnosis.evidence.likelihood_ratio import log_ratio
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
 from mpge_jax.diagnosis.machine.model import has_plain_law
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import follows
-from mpge_jax.diagnosis.thresholds import SURE
 
 Array = np.ndarray
 WHITE = 1.2
@@ -117,4 +116,4 @@ def _worse(measured: Prepared, laws: Prepared) -> bool:
         robust_loss(white.excess(white(measured.sim.residuals([Run(h, theta)], x))[0]))
         for x in (w, w.driven_by(laws.train))
     ]
-    return log_ratio(losses[1] - losses[0]) > SURE
+    return beyond_doubt(log_ratio(losses[1] - losses[0]))

@@ -24,6 +24,12 @@ def log_ratio(gain: Array) -> float:
     return least if abs(least) < SURE else by_scatter(windows)
 
 
+def beyond_doubt(ratio: float, among: int = 1, effects: int = 1) -> bool:
+    """Whether the logarithm of a likelihood ratio says that one hypothesis is the better one, where it adds so many
+    `effects`, each the best of so many candidates."""
+    return ratio > SURE + effects * np.log(max(among, 1))
+
+
 def by_scatter(gain: Array) -> float:
     """The same by how paired gains [W] scatter alone, in whatever unit they are.
 

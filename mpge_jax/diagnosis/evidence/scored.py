@@ -10,8 +10,8 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
-from mpge_jax.diagnosis.evidence.likelihood_ratio import log_ratio
-from mpge_jax.diagnosis.thresholds import FAMILIES, HALF_AS_GOOD, INDIRECT, SURE
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
+from mpge_jax.diagnosis.thresholds import FAMILIES, HALF_AS_GOOD, INDIRECT
 
 Array = np.ndarray
 
@@ -123,4 +123,4 @@ def held_out_evidence(a: Scored, b: Scored) -> float:
 
 def clearly_worse(a: Scored, best: Scored) -> bool:
     """Whether `a` loses to the best beyond doubt."""
-    return evidence(best, a) > SURE
+    return beyond_doubt(evidence(best, a))

@@ -9,9 +9,9 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.force_balance.bank import Bank, Entry, hypothesis_of
 from mpge_jax.diagnosis.force_balance.gram import Weighted
-from mpge_jax.diagnosis.thresholds import SURE
 
 Array = np.ndarray
 LEAST = 0.2
@@ -71,7 +71,7 @@ class ForceSearch:
 
     One statistic decides: the logarithm of the likelihood ratio of two hypotheses on stretches that they were not
     fitted to, each actuator with its own variance, and with as many independent errors as its neighbouring rows leave.
-    What is added or kept must win by `SURE`, and by the logarithm of how many candidates there are besides.
+    What is added or kept must win beyond doubt, given how many candidates there are.
     """
 
     bank: Bank
@@ -82,7 +82,7 @@ class ForceSearch:
     def __post_init__(self) -> None:
         normal = self.bank.normal
         self.rows = normal.rows.sum(0)
-        self.bar = SURE + float(np.log(max(len({e.term for e in self.bank.entries}), 1)))
+        self.among = len({e.term for e in self.bank.entries})
         self.least = 1e-8 * normal.square.sum(0) + 1e-300
         self.groups = _groups(self.bank.entries)
 
@@ -138,7 +138,7 @@ class ForceSearch:
 
     def _wins(self, a: Judged, b: Judged) -> bool:
         share = 1.0 - a.errors / np.maximum(b.errors, 1e-300)
-        return self.ratio(a, b) > self.bar and float(share.max(initial=0.0)) > LEAST
+        return beyond_doubt(self.ratio(a, b), self.among) and float(share.max(initial=0.0)) > LEAST
 
     def directions(self, e: Entry) -> int:
         """How many different forces an effect can give along these motions."""
@@ -187,7 +187,7 @@ class ForceSearch:
         )
         judged = [self._judge(m, weighted) for _, _, m in ranked[:SHOWN]]
         judged = sorted((j for j in judged if self._wins(j, now)), key=lambda j: self._score(j.errors))
-        alike = [j for j in judged if self.ratio(judged[0], j) < SURE]
+        alike = [j for j in judged if not beyond_doubt(self.ratio(judged[0], j))]
         return min(alike, key=lambda j: j.complexity, default=None)
 
     def _moves(self, chosen: Chosen) -> list[Chosen]:

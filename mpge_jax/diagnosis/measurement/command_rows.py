@@ -11,11 +11,10 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.whitening import Whitener, numerics, robust_loss, whitener
-from mpge_jax.diagnosis.evidence.likelihood_ratio import log_ratio
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
-from mpge_jax.diagnosis.thresholds import SURE
 
 Array = np.ndarray
 WINDOWS, FEWEST, ITERATIONS = 60, 4, 4
@@ -49,7 +48,7 @@ def rows_are_late(p: Prepared, f: Fitted) -> bool:
         robust_loss(white.excess(white(q.sim.residuals([Run(g.hypothesis, g.theta)], held)[0])))
         for q, g, (_, held) in zip((now, then), fits, cuts, strict=True)
     )
-    return log_ratio(before - after) > SURE
+    return beyond_doubt(log_ratio(before - after))
 
 
 def _held(p: Prepared) -> Windows:

@@ -34,7 +34,7 @@ ROUNDS, ITERATIONS, STEPS = 3, 4, 2
 """How often parameters and zeros are fitted in turn, and steps of each."""
 STEP, WIDTH = 5e-3, 1.0
 """Differences (rad or m) of the slopes, and deviation of the weak prior of a zero."""
-SURE, TOLD = 6.0, 3.0
+DIFFERS, TOLD = 6.0, 3.0
 """Deviations by which a zero must differ somewhere, and from which on it then counts."""
 AROUND = 3.0
 """Typical distances from their median within which the training recordings' zeros lie around the model's."""
@@ -105,7 +105,7 @@ def other_zeros(p: Prepared, f: Fitted) -> dict[str, Array]:
         if not (own < HALF * shared).any():
             return {}
     apart = np.abs(zeros - common) / deviation
-    if not ((apart.max(1) > SURE) & (own < HALF * shared)).any() or own.sum() > HALF * shared.sum():
+    if not ((apart.max(1) > DIFFERS) & (own < HALF * shared)).any() or own.sum() > HALF * shared.sum():
         return {}
     those = np.flatnonzero(apart.max(1) > TOLD)
     hinges = np.array([p.model.jnt_type[j.index] == mujoco.mjtJoint.mjJNT_HINGE for j in group.joints])

@@ -9,8 +9,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual import INPUTS, Residual
-from mpge_jax.diagnosis.evidence.likelihood_ratio import by_scatter
-from mpge_jax.diagnosis.thresholds import SURE
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
 
 Array = np.ndarray
 STRENGTHS = 10.0 ** np.arange(-6.0, 2.5)
@@ -131,7 +130,7 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
         return None
     nothing = {id(b): b.weight * b.whole for _, _, b in candidates}
     choices = [(smoothed(*c, fold), nothing[id(c[2])]) for c in candidates]
-    choices = [(c, none) for c, none in choices if by_scatter(none - c.left) > SURE]
+    choices = [(c, none) for c, none in choices if beyond_doubt(by_scatter(none - c.left))]
     if not choices:
         return None
     gains = [float((none - c.left).sum()) for c, none in choices]
@@ -139,7 +138,7 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
     near = [
         c
         for (c, _), gain in zip(choices, gains, strict=True)
-        if gain > (1.0 - TIE) * most or by_scatter(c.left - best.left) <= SURE
+        if gain > (1.0 - TIE) * most or not beyond_doubt(by_scatter(c.left - best.left))
     ]
     return min(near, key=lambda c: (len(c.effect.axes), [list(INPUTS).index(a.input) for a in c.effect.axes]))
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -11,7 +9,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.screening import starts_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener
-from mpge_jax.diagnosis.evidence.likelihood_ratio import odds
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, odds
 from mpge_jax.diagnosis.evidence.rigid_equivalence import same_body
 from mpge_jax.diagnosis.evidence.same_in_principle import same
 from mpge_jax.diagnosis.evidence.scored import Rival, Scored, evidence, hopeful
@@ -20,7 +18,7 @@ from mpge_jax.diagnosis.selection.competition import KEEP_OF_MANY
 from mpge_jax.diagnosis.selection.criteria import named, needed
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
-from mpge_jax.diagnosis.thresholds import RICHER, SETTLED, SURE
+from mpge_jax.diagnosis.thresholds import RICHER, SETTLED
 
 SPECIAL_CASES = {
     "coulomb_friction": (
@@ -169,9 +167,9 @@ def _one_each(rivals: list[Rival]) -> list[Rival]:
 def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) -> Rival:
     margin = evidence(best, rival)
     told_apart = named(s, rival.fit, best.fit.hypothesis.without(term))
-    if told_apart and needed(rival, best, float(np.log(len(s.terms)))):
+    if told_apart and needed(rival, best, len(s.terms)):
         return Rival(other, rival.fit, margin, "it predicts better, but less simply", better=True)
-    if margin > SURE:
+    if beyond_doubt(margin):
         return Rival(other, rival.fit, margin, f"it predicts worse ({odds(margin)} against it)")
     if same_body(s.sim.ctx, term, other):
         return Rival(other, rival.fit, margin, "it is the same rigid body under another name")

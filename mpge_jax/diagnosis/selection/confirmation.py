@@ -10,10 +10,9 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report, judged
-from mpge_jax.diagnosis.evidence.likelihood_ratio import by_scatter
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
-from mpge_jax.diagnosis.thresholds import SURE
 
 ITERATIONS = 4
 
@@ -32,15 +31,15 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
     while f.hypothesis.terms:
         sure = {t: _evidence(e, report.after) for t, e in errors_without(p, f, report).items()}
         weakest = min(sure, key=lambda t: sure[t])
-        if sure[weakest] > SURE:
+        if beyond_doubt(sure[weakest]):
             break
         fewer = _refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
         its = fit_report(p, fewer, part)
-        if _evidence(its.after, whole) > SURE:
+        if beyond_doubt(_evidence(its.after, whole)):
             break
         gone.append(weakest)
         f, report = fewer, its
-    if f.hypothesis.terms and _evidence(report.before, report.after) <= SURE:
+    if f.hypothesis.terms and not beyond_doubt(_evidence(report.before, report.after)):
         gone += f.hypothesis.terms
         f, report = NOTHING, fit_report(p, NOTHING, part)
     return f, report, gone
@@ -49,7 +48,7 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
 def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
     """Whether recordings that only choose are predicted better, over windows of the reported length, beyond doubt."""
     w = judged(p, "choice")
-    return _evidence(*(errors(p.sim, f, w, p.noise) for f in (old, new))) > SURE
+    return beyond_doubt(_evidence(*(errors(p.sim, f, w, p.noise) for f in (old, new))))
 
 
 def _evidence(without: Errors, after: Errors) -> float:

@@ -7,10 +7,11 @@ from scipy.stats import chi2, norm
 
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, held_out_evidence
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
-from mpge_jax.diagnosis.thresholds import MOVES, NAMED, SURE
+from mpge_jax.diagnosis.thresholds import MOVES, NAMED
 
 
 def choose(s: Search, ranked: list[Scored], without: Hypothesis = Hypothesis()) -> Scored:  # noqa: B008
@@ -25,16 +26,16 @@ def accept(s: Search, new: Scored, old: Scored) -> bool:
     first = not old.fit.hypothesis.terms
     further = len(new.fit.hypothesis.terms) - len(old.fit.hypothesis.terms)
     return (
-        needed(new, old, further * float(np.log(len(s.terms))))
+        needed(new, old, len(s.terms), further)
         and named(s, new.fit, old.fit.hypothesis)
         and (first or moves(s, new.fit, old.fit))
     )
 
 
-def needed(new: Scored, old: Scored, choices: float = 0.0) -> bool:
-    """Whether held-out windows are predicted better with the terms that `new` has and `old` lacks; `choices`: the
-    logarithm of the number of hypotheses among which `new` was the best."""
-    return held_out_evidence(new, old) > SURE + choices
+def needed(new: Scored, old: Scored, among: int = 1, effects: int = 1) -> bool:
+    """Whether held-out windows are predicted better beyond doubt with the terms that `new` has and `old` lacks: so many
+    `effects`, each the best of so many candidates."""
+    return beyond_doubt(held_out_evidence(new, old), among, effects)
 
 
 def moves(s: Search, new: Fitted, old: Fitted) -> bool:

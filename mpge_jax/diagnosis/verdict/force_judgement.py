@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
 from mpge_jax.diagnosis.evidence.held_out_error import left_out
-from mpge_jax.diagnosis.evidence.likelihood_ratio import by_scatter, odds
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter, odds
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank
@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.force_balance.force_errors import ROWS, ForceErrors, err
 from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, fitted
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.residual.forces import residual_of_forces
-from mpge_jax.diagnosis.thresholds import SLIGHT, SURE
+from mpge_jax.diagnosis.thresholds import SLIGHT
 from mpge_jax.diagnosis.verdict.remainder_description import in_words
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -76,7 +76,7 @@ def _confirmed(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]
         parts = fit.hypothesis.split(b.ctx, fit.theta)
         left = b.predicted(parts) - b.measured
         gains = {t: _evidence(b, _without(b, parts, t) - b.measured, left) for t in parts}
-        if not gains or min(gains.values()) > SURE:
+        if not gains or beyond_doubt(min(gains.values())):
             return fit, needless
         worst = min(gains, key=lambda t: gains[t])
         needless.append(worst)
@@ -115,7 +115,7 @@ def _rivals(found: ForceDecision, fit: Fitted, term: Term) -> list[Rival]:
         (other,) = (e for e in r.chosen if e not in found.found.best.chosen)
         ratio = s.ratio(found.found.best, r)
         richer = s.directions(other) > sum(map(s.directions, own))
-        tied = ratio < SURE and not richer
+        tied = not beyond_doubt(ratio) and not richer
         parts = {t: x for t, x in s.parts(r.chosen).items() if t in fit.hypothesis.terms or t == other.term}
         f = fitted(s.bank, parts) if tied else _as_linear(found.balance, parts)
         if tied and other.term not in f.hypothesis.terms:
@@ -133,9 +133,9 @@ def _as_linear(b: Balance, parts: dict[Term, Array]) -> Fitted:
 def _why_not(ratio: float, richer: bool, tied: bool) -> str:
     if tied:
         return "these recordings cannot tell it apart"
-    if ratio < SURE and richer:
+    if not beyond_doubt(ratio) and richer:
         return "predicts other stretches no better, and has more freedom to fit"
-    if ratio < SURE:
+    if not beyond_doubt(ratio):
         return "ends up as nothing when it is fitted with the others"
     return f"predicts other stretches worse ({odds(ratio)} against it)"
 

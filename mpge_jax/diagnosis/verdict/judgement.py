@@ -33,7 +33,7 @@ from mpge_jax.diagnosis.verdict.remainder_description import describe
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
-SURE, MOST = 6.0, 3.0
+SEEN, MOST = 6.0, 3.0
 """Deviations from nothing at which differences of timing count as seen, and how many of those that whitening allows for
 they may be."""
 NUMERICS = {
@@ -81,7 +81,7 @@ def numerics_seen(p: Prepared, f: Fitted, w: Windows) -> tuple[dict[str, float],
         moved = np.where(seen, amount[k] * np.nan_to_num(change[..., :nv]), 0.0)
         size = np.sqrt((moved**2).sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1))
         matters = bool((size > column_scale(p.noise, p.model)[:nv])[seen.any((0, 1))].any())
-        sure = amount[k] > SURE * np.sqrt(max(variance[k], 0.0)) and amount[k] < MOST * NUISANCE
+        sure = amount[k] > SEEN * np.sqrt(max(variance[k], 0.0)) and amount[k] < MOST * NUISANCE
         if not (sure and matters):
             continue
         amounts[kind] = float(amount[k])

@@ -10,7 +10,14 @@ import pytest
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.evidence.likelihood_ratio import SURE, deviations, log_ratio, odds, stand_out
+from mpge_jax.diagnosis.evidence.likelihood_ratio import (
+    SURE,
+    beyond_doubt,
+    deviations,
+    log_ratio,
+    odds,
+    stand_out,
+)
 from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, held_out_evidence, hopeful
 from mpge_jax.diagnosis.selection.criteria import needed
 from tests.diagnosis.searches import ARMATURE, COULOMB, GAIN, HINGE, MOTOR, STRIBECK, fitted
@@ -101,7 +108,15 @@ def test_one_statistic_says_what_is_needed_and_what_ties(null):
     old.held[:] = [9.0, -5.0, 3.0, 8.0, -1.0, 6.0, 2.0, 7.0, -3.0, 4.0]
     ratio = held_out_evidence(new, old)
     assert ratio == pytest.approx(log_ratio(old.held - 1.0))
-    assert needed(new, old, choices=ratio - SURE - 0.1) and not needed(new, old, choices=ratio - SURE + 0.1)
+    assert needed(new, old, among=1) and not needed(new, old, among=int(np.exp(ratio - SURE)) + 1)
+
+
+def test_what_was_the_best_of_many_must_win_by_more():
+    """20 to 1, and as many times more as there were others to choose from: for two effects, pairs of them."""
+    assert beyond_doubt(3.1) and not beyond_doubt(2.9)
+    assert beyond_doubt(6.1, among=20) and not beyond_doubt(5.9, among=20)
+    assert beyond_doubt(9.1, among=20, effects=2) and not beyond_doubt(8.9, among=20, effects=2)
+    assert beyond_doubt(3.1, among=0)
 
 
 def test_each_joint_of_a_window_tells(null):

@@ -82,10 +82,10 @@ def test_who_imported_a_function_gets_its_substitute():
 
 
 def test_a_number_is_another_one_within_the_function_alone():
-    off, (new, old) = numbers(SURE=1e13), BETTER_AND_WORSE
-    assert criteria.needed(new, old)
-    assert not off(criteria.needed, new, old)
-    assert criteria.SURE < 1e13
+    off = numbers(SURE=1e13)
+    assert likelihood_ratio.beyond_doubt(10.0)
+    assert not off(likelihood_ratio.beyond_doubt, 10.0)
+    assert likelihood_ratio.SURE < 1e13
 
 
 def test_gains_by_their_mean_alone():
