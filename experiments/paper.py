@@ -6,7 +6,7 @@ SAMPLES = (500, 1_000, 5_000, 10_000, 50_000, 100_000)
 DIRECT = dict(zip(TASKS, (33.9, 164.5, 1611.7, 3396.2), strict=True))
 TARGET = dict(zip(TASKS, (1000.0, 862.2, 6470.2, 5226.9), strict=True))
 
-_METHODS = ("SPG", "MPG-ER", "MPGE-ER", "MPG-MS", "MPGE-MS")
+METHODS = ("SPG", "MPG-ER", "MPGE-ER", "MPG-MS", "MPGE-MS")
 _RETURNS = {
     "SkewedPendulum": (
         (630, 738, 1000, 682, 990),
@@ -49,6 +49,6 @@ def mean_return(task: str, method: str, samples: int) -> float | None:
         return DIRECT.get(task)
     if method == "target":
         return TARGET.get(task)
-    if task not in _RETURNS or method not in _METHODS or samples not in SAMPLES:
+    if task not in _RETURNS or method not in METHODS or samples not in SAMPLES:
         return None
-    return float(_RETURNS[task][SAMPLES.index(samples)][_METHODS.index(method)])
+    return float(_RETURNS[task][SAMPLES.index(samples)][METHODS.index(method)])

@@ -202,7 +202,7 @@ def returns_figure(rows: Rows, path: Path, task: str) -> None:
     axes.set_xticks(budgets, [f"{samples:,}" for samples in budgets])
     axes.set_xticks([], minor=True)
     axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def errors_figure(
@@ -237,10 +237,11 @@ def errors_figure(
         ylim=(0, None),
     )
     axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
-    _save(figure, path)
+    save_figure(figure, path)
 
 
-def _save(figure: Any, path: Path) -> None:
+def save_figure(figure: Any, path: Path) -> None:
+    """Writes a picture in one step, and closes it."""
     partial = path.with_name(path.name + ".partial")
     figure.savefig(partial, format="png", dpi=150)
     plt.close(figure)

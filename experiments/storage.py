@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from mpge_jax import files
@@ -138,6 +139,20 @@ class SweepFolder:
         (folder / "error.json").unlink(missing_ok=True)
         for checkpoints in self._checkpoints(folder):
             shutil.rmtree(checkpoints, ignore_errors=True)
+
+    def transformers(self, method: str, samples: int) -> Transformer | None:
+        """The transformers of a finished cell, every leaf `[S, N, ...]`; None where it has none."""
+        file = self.cell(method, samples) / "transformers.npz"
+        if not file.is_file():
+            return None
+        tree: dict[str, Any] = {}
+        for name, value in files.read_npz(file).items():
+            *above, last = name.split("/")
+            place = tree
+            for part in above:
+                place = place.setdefault(part, {})
+            place[last] = jnp.asarray(value)
+        return Transformer(**tree)
 
     def save_error(self, method: str, samples: int, message: str) -> None:
         """Records why a cell failed."""

@@ -14,11 +14,12 @@ import tyro
 
 import envs
 from envs import registry
-from experiments import diagnose, inspect, new, pretrain, results, sweep
+from experiments import diagnose, inspect, new, pretrain, sweep
 from experiments.benchmark import __main__ as benchmark
 from experiments.fleet import __main__ as fleet
 from experiments.methods import METHODS
 from experiments.presets import PRESETS
+from experiments.results import page as results
 from mpge_jax.diagnosis import Config
 
 ROOT = Path(__file__).parents[1]

@@ -19,6 +19,7 @@ from mpge_jax.grounding.transformer import Transformer
 from mpge_jax.learning.policy_gradient import Metrics
 from mpge_jax.rollouts.target_log import TargetLog
 
+Act = Callable[[Float[Array, "B O"], PRNGKeyArray], Float[Array, "B A"]]
 Truth = Callable[[Float[Array, " A"]], Float[Array, " A"]]
 
 
@@ -60,9 +61,15 @@ def on_log(key: PRNGKeyArray, pi_g: Transformer, env: Env, truth: Truth, log: Ta
 
 
 def in_rollouts(
-    key: PRNGKeyArray, pi_g: Transformer, env: Env, truth: Truth, steps: int = 2048
+    key: PRNGKeyArray,
+    pi_g: Transformer,
+    env: Env,
+    truth: Truth,
+    steps: int = 2048,
+    act: Act | None = None,
 ) -> Float[Array, ""]:
-    """The paper's figure: along `steps` steps of uniform random actions in the simulator grounded by `pi_g`.
+    """The paper's figures: along `steps` steps in the simulator grounded by `pi_g`, of uniform random actions, or of
+    the policy `act` (observation [B, O], key) -> action [B, A] (its heat map).
 
     Eight episodes side by side, from the task's own starts. `key` is consumed.
     """
@@ -73,7 +80,7 @@ def in_rollouts(
     first = jax.vmap(wrapped.reset)(jax.random.split(key_reset, copies))
 
     def body(state: State, key: PRNGKeyArray) -> tuple[State, Float[Array, ""]]:
-        action = _uniform(key, env, copies)
+        action = _uniform(key, env, copies) if act is None else act(state.obs, key)
         executed = transformer.deterministic(pi_g, state.obs, action, low, high)
         return jax.vmap(wrapped.step)(state, executed), mean_error(pi_g, env, truth, state.obs, action)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tyro
 
-from experiments import diagnose, facts, inspect, new, pretrain, results, sweep, tuning
+from experiments import diagnose, facts, inspect, new, pretrain, sweep, tuning
 from experiments.ablation import __main__ as ablation
 from experiments.atlas import __main__ as atlas
 from experiments.benchmark import __main__ as benchmark
@@ -18,6 +18,8 @@ from experiments.benchmark.peers import __main__ as peers
 from experiments.blind import __main__ as blind
 from experiments.demo import __main__ as demo
 from experiments.fleet import __main__ as fleet
+from experiments.results import heat_map
+from experiments.results import page as results
 from experiments.scale import __main__ as scale
 from mpge_jax.diagnosis.effects import REGISTRY, VOCABULARY
 
@@ -28,7 +30,7 @@ BY_TYRO = {
     "demo": demo.Args, "sweep": sweep.Args, "benchmark": benchmark.Args, "results": results.Args,
     "pretrain": pretrain.Args, "new": new.Args, "facts": facts.Args, "tuning": tuning.Args, "fleet": fleet.Args,
     "scale": scale.Command, "blind": blind.Command, "benchmark.peers": peers.Args,
-    "atlas": atlas.Args, "ablation": ablation.Command,
+    "atlas": atlas.Args, "results.heat_map": heat_map.Args, "ablation": ablation.Command,
 }  # fmt: skip
 BY_ARGPARSE = {"diagnose": diagnose, "inspect": inspect}
 STANDS_FOR = {"TASK": "Hopper", "KIND": "MS", "N": "4", "R": "ray"}

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import diagnose, facts, inspect, new, pretrain, results
+from experiments import diagnose, facts, inspect, new, pretrain
 from experiments.blind import __main__ as blind
 from experiments.demo import __main__ as demo
 from experiments.fleet import __main__ as fleet
+from experiments.results import page as results
 from experiments.scale import __main__ as scale
 from mpge_jax import files
 from tests.diagnosis.machines import PENDULUM, record

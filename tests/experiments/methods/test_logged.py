@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import envs
-from experiments import methods, results, sweep
+from experiments import methods, sweep
 from experiments.methods import METHODS, LogFiles, logged
 from experiments.presets import PRESETS
+from experiments.results import page as results
 from mpge_jax.grounding import prediction
 from mpge_jax.rollouts import policies
 from tests import small

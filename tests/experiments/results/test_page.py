@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import results
 from experiments.presets import QUICK
+from experiments.results import page as results
 from experiments.storage import SweepFolder, plain
 
 IDENTITY = plain(

@@ -1,50 +1,27 @@
-"""Writes docs/results.md from what was measured: sweeps, benchmarks and the policies that ship with the project.
-
-python -m experiments.results results/SkewedPendulum-quick results/benchmark
-
-No number in it is typed: run the command again and the page is made anew from the folders that it is given.
-"""
+"""A sweep on the page of results: its command, its numbers, its pictures."""
 
 import json
 import os
 import re
 import shlex
 import shutil
-import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
-
-from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs
 from experiments import report
-from experiments.benchmark import table
-from experiments.ending import exit_status
 from experiments.methods import METHODS
-from mpge_jax import files
 from mpge_jax.loop import Curve
-from mpge_jax.rollouts import policies
 
-ROOT = Path(__file__).resolve().parents[1]
+PICTURES = {
+    "returns": "Return in the target",
+    "errors": "Action-transformation error",
+    "heat_map": "Action-transformation error along each rollout policy",
+}
 SHARES = (0.05, 0.1, 0.25, 0.5, 1.0)
-
-
-@dataclass(frozen=True)
-class Args:
-    """Writes the page of results from the folders of sweeps and benchmarks."""
-
-    folders: Annotated[
-        tuple[Path, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(help="folders of sweeps and benchmarks (default: all in results)"),
-    ] = ()
-    out: Annotated[Path, tyro.conf.arg(help="the page; pictures go into images beside it")] = Path(
-        "docs/results.md"
-    )
 
 
 @dataclass(frozen=True)
@@ -59,6 +36,7 @@ class Sweep:
       curves: of grounding, by method and samples.
       failures: what each cell that failed raised.
       pictures: that it drew.
+      along_policies: errors of its transformers along every rollout policy (`heat_map`), where they were measured.
     """
 
     name: str
@@ -68,6 +46,7 @@ class Sweep:
     curves: dict[tuple[str, int], Curve]
     failures: dict[str, str]
     pictures: list[Path]
+    along_policies: dict[str, Any] | None = None
 
     @property
     def command(self) -> str:
@@ -83,11 +62,20 @@ class Sweep:
         return shlex.join(words)
 
 
-def _read_json(path: Path) -> Any:
+def read_json(path: Path) -> Any:
+    """The content of a file.
+
+    Raises:
+      ValueError: it cannot be read; says which.
+    """
     try:
         return json.loads(path.read_text())
     except (OSError, ValueError) as error:
         raise ValueError(f"{path} cannot be read ({type(error).__name__}: {error})") from error
+
+
+def _read_json_if_there(path: Path) -> Any:
+    return read_json(path) if path.is_file() else None
 
 
 def read_sweep(folder: Path) -> Sweep:
@@ -96,7 +84,7 @@ def read_sweep(folder: Path) -> Sweep:
     Raises:
       ValueError: a file of it is damaged; says which.
     """
-    record = _read_json(folder / "results.json")
+    record = read_json(folder / "results.json")
     curves = {}
     for file in sorted((folder / "cells").glob("*/curve.npz")):
         method, samples = file.parent.name.rsplit("-", 1)
@@ -106,7 +94,7 @@ def read_sweep(folder: Path) -> Sweep:
         except Exception as error:
             raise ValueError(f"{file} is damaged ({type(error).__name__}: {error})") from error
     failures = {
-        file.parent.name: _summary(_read_json(file)["error"])
+        file.parent.name: _summary(read_json(file)["error"])
         for file in sorted((folder / "cells").glob("*/error.json"))
         if not (file.parent / "result.json").exists()
     }
@@ -120,7 +108,8 @@ def read_sweep(folder: Path) -> Sweep:
             rows=record["rows"],
             curves=curves,
             failures=failures,
-            pictures=[folder / name for name in ("returns.png", "errors.png") if (folder / name).is_file()],
+            pictures=[folder / f"{name}.png" for name in PICTURES if (folder / f"{name}.png").is_file()],
+            along_policies=_read_json_if_there(folder / "heat_map.json"),
         )
     except (KeyError, TypeError) as error:
         raise ValueError(
@@ -194,6 +183,28 @@ def curve_table(sweep: Sweep) -> list[str]:
     return lines
 
 
+def policies_table(sweep: Sweep) -> list[str]:
+    """Each cell's mean error along every rollout policy, where it was measured."""
+    record = sweep.along_policies
+    if record is None:
+        return []
+    cells = {name: np.array(value) for name, value in record["cells"].items()}
+    size = next(iter(cells.values())).shape[2]
+    lines = [
+        "",
+        f"Action-transformation error along {record['steps']:,} steps of each rollout policy ({record['policies']}) in "
+        "the grounded simulator, mean over seeds and transformers; seed i of SPG recorded with policy i alone "
+        f"(`python -m experiments.results.heat_map results/{sweep.name}`, commit {record['versions']['commit']}):",
+        "",
+        f"| cell | {' | '.join(f'policy {k}' for k in range(size))} | least and most of one transformer |",
+        f"|---|{'--:|' * (size + 1)}",
+    ]
+    for name, c in cells.items():
+        means = " | ".join(f"{x:.3f}" for x in c.mean(axis=(0, 1)))
+        lines.append(f"| {name} | {means} | {c.min():.3f}, {c.max():.3f} |")
+    return lines
+
+
 def _place(row: dict[str, Any]) -> tuple[int, int]:
     """Where a row stands in a table: methods in their own order, then by samples."""
     return list(METHODS).index(row["method"]), row["samples"]
@@ -217,12 +228,13 @@ def sweep_section(sweep: Sweep, images: Path, page: Path) -> str:
         "",
         *seconds_table(sweep),
         *curve_table(sweep),
+        *policies_table(sweep),
     ]
     for picture in sweep.pictures:
         images.mkdir(parents=True, exist_ok=True)
         copy = images / f"{sweep.name}-{picture.name}"
         shutil.copyfile(picture, copy)
-        what = {"returns": "Return in the target", "errors": "Action-transformation error"}[picture.stem]
+        what = PICTURES[picture.stem]
         link = os.path.relpath(copy, page.parent).replace(os.sep, "/")
         lines += ["", f"![{what}, {i['task']}, preset {i['preset']['name']}]({link})"]
     return "\n".join(lines)
@@ -243,117 +255,3 @@ def _where(sweep: Sweep) -> str:
         f"{versions.get('machine', 'unknown machine')}; commit {first}{others}, "
         f"Python {versions.get('python', '?')}, {shown}"
     )
-
-
-def policies_section() -> str:
-    """The policies that ship with the project: returns in the source, and how they were trained."""
-    lines = [
-        "`python -m experiments.pretrain --task TASK --kind KIND` (ER sets: `--entropy-coefficient 0.1` or "
-        "`0.01`), evaluated over 50 episodes of the source task for each policy:",
-        "",
-        "| task | kind, entropy coefficient | policies | return, deterministic: mean (least to most) "
-        "| return, stochastic | SAC updates | environment steps | kept of each training "
-        "| batch, learning rate | seed | machine |",
-        "|---|---|--:|--:|--:|--:|--:|---|---|--:|---|",
-    ]
-    tasks = [name for name in envs.names() if envs.source_of(name) == name]
-    for task in tasks:
-        for kind, coefficient in (("MS", 0.1), ("ER", 0.1), ("ER", 0.01)):
-            label = kind if kind == "MS" else f"{kind}, {coefficient:g}"
-            if not policies.shipped_path(task, kind, coefficient).is_file():
-                lines.append(f"| {task} | {label} | none shipped | | | | | | | | |")
-                continue
-            stored, about = policies.shipped(task, kind, coefficient)
-            sac = about.get("config", {}).get("sac", {})
-            returns = about.get("returns", {})
-            lines.append(
-                f"| {task} | {label} | {stored.size} | {_range(returns.get('deterministic'))} "
-                f"| {_range(returns.get('stochastic'))} | {_number(about.get('updates'))} "
-                f"| {_number(about.get('env_steps'))} | {about.get('kept', 'its end, by an earlier version')} "
-                f"| {sac.get('batch_size', '')}, {sac.get('actor_lr', '')} "
-                f"| {about.get('seed', '')} | {about.get('machine', '')} |"
-            )
-    return "\n".join(lines)
-
-
-def _range(values: list[float] | None) -> str:
-    return f"{np.mean(values):,.0f} ({min(values):,.0f} to {max(values):,.0f})" if values else ""
-
-
-def _number(value: int | None) -> str:
-    return "" if value is None else f"{value:,}"
-
-
-def find(folders: tuple[Path, ...]) -> tuple[list[Path], list[Path]]:
-    """Folders of sweeps with results, and of benchmarks, among `folders` (or in `results`).
-
-    Raises:
-      ValueError: a folder that is neither, two of one name, or nothing at all.
-    """
-    chosen = folders or tuple(sorted(path for path in Path("results").glob("*") if path.is_dir()))
-    sweeps, benchmarks = [], []
-    for folder in chosen:
-        if (folder / "results.json").is_file():
-            sweeps.append(folder)
-        elif (folder / "benchmark.json").is_file():
-            benchmarks.append(folder)
-        elif folders:
-            raise ValueError(
-                f"{folder} holds neither a sweep (results.json) nor a benchmark (benchmark.json)"
-            )
-    names = [folder.resolve().name for folder in sweeps]
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"two folders are called {name}; their pictures would overwrite each other")
-    if not sweeps and not benchmarks:
-        raise ValueError("there is nothing in results yet; run `make sweep` first, or name the folders")
-    return sweeps, benchmarks
-
-
-def _shown(folder: Path) -> str:
-    """A folder as in the command: those that the project keeps lie in docs/results, all others in results."""
-    kept = (ROOT / "docs" / "results").resolve()
-    home = "docs/results" if folder.resolve().parent == kept else "results"
-    return f"{home}/{folder.resolve().name}"
-
-
-def page(args: Args) -> str:
-    """The whole page, whose pictures are copied beside it."""
-    sweeps, benchmarks = find(args.folders)
-    images = args.out.parent / "images"
-    read = [read_sweep(folder) for folder in sweeps]
-    records = [_read_json(folder / "benchmark.json") for folder in benchmarks]
-    listed = shlex.join([_shown(folder) for folder in (*sweeps, *benchmarks)])
-    listed += "" if args.out.name == "results.md" else f" --out docs/{args.out.name}"
-    parts = [
-        "# Results",
-        f"Written by `python -m experiments.results {listed}` from the files that these runs left; nothing here is "
-        "typed by hand. Returns are mean ± standard deviation over seeds (each the mean of its evaluation episodes), "
-        "with the 95 % interval of the mean over seeds (Student's t): methods whose intervals overlap are not told "
-        "apart. "
-        "`target` trains on in the target from the same source policy within the preset's budget, which is no upper "
-        "bound; "
-        "`paper` is the mean that the paper's tables report, under the paper's own budgets.",
-    ]
-    if read:
-        parts += ["## Sweeps", *(sweep_section(sweep, images, args.out) for sweep in read)]
-    parts += ["## Source policies", policies_section()]
-    if records:
-        parts += ["## Speed", *(table.markdown(record).rstrip() for record in records)]
-    return "\n\n".join(parts) + "\n"
-
-
-def main() -> int:
-    """The command; returns its exit status."""
-
-    def work() -> int:
-        args = tyro.cli(Args, prog="python -m experiments.results", description=Args.__doc__)
-        files.write_text(args.out, page(args))
-        print(f"written: {args.out}")
-        return 0
-
-    return exit_status("results", work, goes_on=False)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
