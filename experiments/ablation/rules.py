@@ -23,6 +23,7 @@ from experiments.ablation.gates import (
     went,
     within,
 )
+from mpge_jax.diagnosis.evidence.likelihood_ratio import log_ratio
 from mpge_jax.diagnosis.evidence.scored import evidence
 from mpge_jax.diagnosis.thresholds import SURE
 
@@ -71,6 +72,14 @@ GATES = (
         f"{RATIO}:deviations",
         by_mean_alone,
         within(1.0, ASKED[1], by_mean_alone),
+    ),
+    Gate(
+        "face value",
+        "where the better hypothesis leaves noise alone, gains of few windows count for what they are",
+        (),
+        f"{SCORED}:_ratio",
+        lambda _own, _a, _b, gain: log_ratio(gain),
+        within(*ASKED, lambda _own, _a, _b, gain: log_ratio(gain)),
     ),
     Gate(
         "named",

@@ -10,8 +10,8 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
-from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
-from mpge_jax.diagnosis.thresholds import FAMILIES, HALF_AS_GOOD, INDIRECT
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio, stand_out
+from mpge_jax.diagnosis.thresholds import AT_NOISE, FAMILIES, HALF_AS_GOOD, INDIRECT
 
 Array = np.ndarray
 
@@ -40,6 +40,12 @@ class Scored:
     def by_joint(self) -> Array:
         """[W, joints] losses; what one joint of many lacks drowns in the mean over all."""
         return self.each if self.each.size else self.losses[:, None]
+
+    @property
+    def noise_alone(self) -> bool:
+        """Whether windows show nothing but noise of the size that it was taken to have."""
+        quiet = self.factor == 1.0 and float(self.losses.mean()) <= AT_NOISE
+        return quiet and not stand_out(self.losses).any()
 
     @property
     def complexity(self) -> tuple[float, ...]:
@@ -113,12 +119,20 @@ def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
 
 def evidence(a: Scored, b: Scored) -> float:
     """Logarithm of the likelihood ratio of `a` to `b`, by all windows."""
-    return log_ratio(b.by_joint - a.by_joint)
+    return _ratio(a, b, b.by_joint - a.by_joint)
 
 
 def held_out_evidence(a: Scored, b: Scored) -> float:
     """The same by windows that neither was fitted to."""
-    return log_ratio((b.by_joint - a.by_joint)[a.train.size :])
+    return _ratio(a, b, (b.by_joint - a.by_joint)[a.train.size :])
+
+
+def _ratio(a: Scored, b: Scored, gain: Array) -> float:
+    """The same by paired gains [W, joints] of `a`. Where the better one leaves nothing but noise, the noise is what it
+    was taken for, and gains count for what they are: few windows may decide."""
+    ratio, least = log_ratio(gain), 0.5 * float(gain.sum())
+    better = a if least > 0.0 else b
+    return max(ratio, least, key=abs) if better.noise_alone else ratio
 
 
 def clearly_worse(a: Scored, best: Scored) -> bool:

@@ -104,7 +104,8 @@ def test_one_statistic_says_what_is_needed_and_what_ties(null):
     assert held_out_evidence(new, _scored(s, 1.5)) == pytest.approx(2.5)
     assert needed(new, _scored(s, 1.7)) and not needed(new, _scored(s, 1.5))
     assert clearly_worse(_scored(s, 1.4), new) and not clearly_worse(_scored(s, 1.2), new)
-    old = _scored(s, 3.0)
+    # where more is left than noise, scatter alone tells
+    new, old = dataclasses.replace(new, factor=2.0), _scored(s, 3.0)
     old.held[:] = [9.0, -5.0, 3.0, 8.0, -1.0, 6.0, 2.0, 7.0, -3.0, 4.0]
     ratio = held_out_evidence(new, old)
     assert ratio == pytest.approx(log_ratio(old.held - 1.0))
@@ -152,3 +153,24 @@ def test_ranks_see_what_spoiled_windows_blur():
     gain = np.concatenate([rng.uniform(0.1, 0.6, 45), rng.uniform(-0.4, 0, 10), [5, -5, 6, -6, 7, -7]])
     mean = gain.mean() / (gain.std(ddof=1) / np.sqrt(gain.size))
     assert mean < 1.0 and deviations(gain) > 3.0
+
+
+@pytest.mark.parametrize(
+    ("what", "decides"),
+    [("nothing but noise", True), ("more than the noise", False), ("a window that stands out", False)],
+)
+def test_few_windows_decide_where_the_better_hypothesis_leaves_nothing_but_noise(null, what, decides):
+    """A motor that saturates in two windows of forty: what explains all of them has the noise as its witness."""
+    s, _ = null
+    rng = np.random.default_rng(0)
+    quiet = 0.9 + 0.1 * rng.standard_normal((2, 40))
+    new, old = quiet[0].copy(), quiet[1].copy()
+    old[[3, 17]] = 14.0
+    if what == "a window that stands out":
+        new[3] = old[3] = 12.0
+        old[17] = 30.0
+    factor = 2.0 if what == "more than the noise" else 1.0
+    better = Scored(fitted(s, {COULOMB: [0.1]}), quiet[0][:10], new, 1, 1, factor)
+    worse = Scored(NOTHING, quiet[1][:10], old, 0, 0, factor)
+    assert needed(better, worse, among=100) == decides
+    assert better.noise_alone == decides and not worse.noise_alone
