@@ -17,6 +17,8 @@ from experiments.report import save_figure
 Rows = list[dict[str, Any]]
 
 DRAWS = 10_000
+NEAR = 0.01
+"""Share of the draws in which `target` may be no better than `direct`."""
 BOUNDS = ("direct", "target")
 SHOWN = (500, 1_000, 5_000, 10_000)
 """Numbers of samples that the paper's tables and ours have in common."""
@@ -57,8 +59,7 @@ def shares(rows: Rows) -> list[Share]:
     if not low.size or not high.size or high.mean() <= low.mean():
         return []
     cells = sorted(
-        {(row["method"], row["samples"]) for row in rows if row["method"] not in BOUNDS},
-        key=lambda cell: (list(METHODS).index(cell[0]), cell[1]),
+        {(row["method"], row["samples"]) for row in rows if row["method"] not in BOUNDS}, key=_order
     )
     out = []
     for method, samples in cells:
@@ -68,13 +69,20 @@ def shares(rows: Rows) -> list[Share]:
     return out
 
 
+def _order(cell: tuple[str, int]) -> tuple[int, int]:
+    """Methods in their own order, then by samples."""
+    return list(METHODS).index(cell[0]), cell[1]
+
+
 def _interval(own: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[float, float] | None:
+    """None of one seed, and where the bounds are so near that resampled ones change places."""
     if min(own.size, low.size, high.size) < 2:
         return None
     rng = np.random.default_rng(0)
     a, b, c = (rng.choice(x, (DRAWS, x.size)).mean(axis=1) for x in (own, low, high))
-    whole = c - b
-    drawn = (a - b)[whole > 0] / whole[whole > 0]
+    if (c <= b).mean() > NEAR:
+        return None
+    drawn = ((a - b) / (c - b))[c > b]
     return float(np.quantile(drawn, 0.025)), float(np.quantile(drawn, 0.975))
 
 
@@ -84,15 +92,12 @@ def shares_table(by_task: dict[str, Rows]) -> list[str]:
     found = {task: cells for task, cells in found.items() if cells}
     if not found:
         return []
-    order = sorted(
-        {cell for cells in found.values() for cell in cells},
-        key=lambda cell: (list(METHODS).index(cell[0]), cell[1]),
-    )
+    order = sorted({cell for cells in found.values() for cell in cells}, key=_order)
     lines = [
         "How far each method comes from `direct` (0) to `target` (1), (return - direct) / (target - direct), with the "
-        f"95 % percentile interval of {DRAWS:,} bootstrap samples of the seeds of all three; of three seeds such an "
-        "interval is too narrow, and `target` had no more than the preset's budget, so that 1 can be passed. `-`: not "
-        "run.",
+        f"95 % percentile interval of {DRAWS:,} bootstrap samples (seeds of the method, of `direct` and of `target` "
+        "drawn anew). Of three seeds such an interval is too narrow; `target` had no more than the preset's budget, so "
+        "that 1 can be passed. `-`: not run.",
         "",
         f"| method | samples | {' | '.join(found)} |",
         f"|---|--:|{'--:|' * len(found)}",
@@ -109,10 +114,7 @@ def shares_figure(by_task: dict[str, Rows], path: Path) -> bool:
     found = {task: each for task, each in found.items() if each}
     if not found:
         return False
-    names = sorted(
-        {(s.method, s.samples) for each in found.values() for s in each},
-        key=lambda cell: (-list(METHODS).index(cell[0]), -cell[1]),
-    )
+    names = sorted({(s.method, s.samples) for each in found.values() for s in each}, key=_order, reverse=True)
     figure, panels = plt.subplots(
         1,
         len(found),

@@ -26,6 +26,7 @@ import matplotlib.pyplot as plt
 import envs
 from experiments.ending import exit_status
 from experiments.methods import METHODS
+from experiments.methods.grounded import grounded
 from experiments.report import save_figure
 from experiments.results.sweeps import read_json
 from experiments.storage import SweepFolder, versions
@@ -36,7 +37,7 @@ from mpge_jax.learning import sac
 from mpge_jax.rollouts import policies
 from mpge_jax.rollouts.policies import PolicySet
 
-NAME, KIND = "heat_map", "MS"
+NAME = "heat_map"
 
 
 @dataclass(frozen=True)
@@ -90,14 +91,16 @@ def measured(folder: Path, steps: int) -> dict[str, Any]:
             f"{identity['task']} differs from {source_name} otherwise than by its actions: there is no true change of "
             "actions to compare with."
         )
-    driving, _ = policies.shipped(source_name, KIND)
+    coefficient = identity["preset"]["entropy_coefficient"]
     sweep = SweepFolder(folder, identity)
     cells = {}
     done = {(row["method"], row["samples"]) for row in sweep.rows()}
     for method, samples in sorted(done, key=lambda cell: (list(METHODS).index(cell[0]), cell[1])):
         made = sweep.transformers(method, samples)
-        if made is None:
+        # what was learned in a corrected simulator does not belong before the plain one
+        if made is None or METHODS[method].work is not grounded:
             continue
+        driving, _ = policies.shipped(source_name, METHODS[method].kind, coefficient)
         flat = jax.tree.map(lambda x: jnp.reshape(x, (-1, *x.shape[2:])), made)
         key = jax.random.key(zlib.crc32(f"heat map/{method}/{samples}".encode()))
         found = errors(key, flat, driving, source, truth, steps)
@@ -105,7 +108,6 @@ def measured(folder: Path, steps: int) -> dict[str, Any]:
         cells[f"{method}-{samples}"] = found.reshape(seeds, -1, driving.size).round(5).tolist()
     return {
         "task": identity["task"],
-        "policies": f"{KIND} set of {source_name}",
         "steps": steps,
         "versions": versions(),
         "cells": cells,

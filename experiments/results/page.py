@@ -115,15 +115,16 @@ def _shown(folder: Path) -> str:
 
 def comparison_section(sweeps: list[Sweep], images: Path, out: Path) -> list[str]:
     """Methods against each other and against the paper, for the tasks of the sweeps: paragraphs of Markdown."""
-    # of one task under several presets the last one
-    by_task = {sweep.identity["task"]: sweep.rows for sweep in sweeps}
+    by_sweep = {f"{s.identity['task']}, {s.identity['preset']['name']}": s.rows for s in sweeps}
     parts = []
-    if table_of := comparison.shares_table(by_task):
+    if table_of := comparison.shares_table(by_sweep):
         picture = images / f"{out.stem}-shares.png"
         images.mkdir(parents=True, exist_ok=True)
-        comparison.shares_figure(by_task, picture)
+        comparison.shares_figure(by_sweep, picture)
         link = os.path.relpath(picture, out.parent).replace(os.sep, "/")
         parts += ["## From direct to target", "\n".join(table_of), f"![Shares of the way]({link})"]
+    # quick runs have budgets of their own, far from the paper's
+    by_task = {s.identity["task"]: s.rows for s in sweeps if s.identity["preset"]["name"] != "quick"}
     if beside := comparison.paper_tables(by_task):
         parts += ["## Beside the paper", "\n".join(beside).rstrip()]
     return parts

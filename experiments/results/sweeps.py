@@ -98,6 +98,9 @@ def read_sweep(folder: Path) -> Sweep:
         for file in sorted((folder / "cells").glob("*/error.json"))
         if not (file.parent / "result.json").exists()
     }
+    along = _read_json_if_there(folder / "heat_map.json")
+    if along is not None and not {"cells", "steps", "versions"} <= set(along):
+        raise ValueError(f"{folder / 'heat_map.json'} is not what heat_map writes; run it again")
     if "target_log" in record.get("identity", {}):
         raise ValueError(f"{folder} was made from a recorded log and has no returns; read its own results.md")
     try:
@@ -109,7 +112,7 @@ def read_sweep(folder: Path) -> Sweep:
             curves=curves,
             failures=failures,
             pictures=[folder / f"{name}.png" for name in PICTURES if (folder / f"{name}.png").is_file()],
-            along_policies=_read_json_if_there(folder / "heat_map.json"),
+            along_policies=along,
         )
     except (KeyError, TypeError) as error:
         raise ValueError(
@@ -190,11 +193,12 @@ def policies_table(sweep: Sweep) -> list[str]:
         return []
     cells = {name: np.array(value) for name, value in record["cells"].items()}
     size = next(iter(cells.values())).shape[2]
+    alone = "; seed i of SPG recorded with policy i alone" if any(n.startswith("SPG") for n in cells) else ""
     lines = [
         "",
-        f"Action-transformation error along {record['steps']:,} steps of each rollout policy ({record['policies']}) in "
-        "the grounded simulator, mean over seeds and transformers; seed i of SPG recorded with policy i alone "
-        f"(`python -m experiments.results.heat_map results/{sweep.name}`, commit {record['versions']['commit']}):",
+        f"Action-transformation error along {record['steps']:,} steps of each rollout policy in the grounded "
+        f"simulator, mean over seeds and transformers{alone} (`python -m experiments.results.heat_map "
+        f"results/{sweep.name}`, where the sweep left its transformers; commit {record['versions']['commit']}):",
         "",
         f"| cell | {' | '.join(f'policy {k}' for k in range(size))} | least and most of one transformer |",
         f"|---|{'--:|' * (size + 1)}",

@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio, stand_out
-from mpge_jax.diagnosis.thresholds import AT_NOISE, FAMILIES, HALF_AS_GOOD, INDIRECT
+from mpge_jax.diagnosis.thresholds import AT_NOISE, FAMILIES, HALF_AS_GOOD, INDIRECT, LOUD
 
 Array = np.ndarray
 
@@ -43,9 +43,10 @@ class Scored:
 
     @property
     def noise_alone(self) -> bool:
-        """Whether windows show nothing but noise of the size that it was taken to have."""
+        """Whether windows show nothing but noise of the size that it was taken to have, at any joint."""
         quiet = self.factor == 1.0 and float(self.losses.mean()) <= AT_NOISE
-        return quiet and not stand_out(self.losses).any()
+        quiet = quiet and float(self.by_joint.mean(0).max()) <= LOUD
+        return quiet and not any(stand_out(x).any() for x in (self.losses, *self.by_joint.T))
 
     @property
     def complexity(self) -> tuple[float, ...]:
@@ -128,8 +129,8 @@ def held_out_evidence(a: Scored, b: Scored) -> float:
 
 
 def _ratio(a: Scored, b: Scored, gain: Array) -> float:
-    """The same by paired gains [W, joints] of `a`. Where the better one leaves nothing but noise, the noise is what it
-    was taken for, and gains count for what they are: few windows may decide."""
+    """Logarithm of the likelihood ratio of `a` to `b` from paired gains [W, joints]. Where the better one leaves
+    nothing but noise of the size that it was taken to have, half of their sum counts, though few windows make it."""
     ratio, least = log_ratio(gain), 0.5 * float(gain.sum())
     better = a if least > 0.0 else b
     return max(ratio, least, key=abs) if better.noise_alone else ratio

@@ -1,9 +1,7 @@
-"""Logs whose rows hold the command of the row before: no delay of a machine and no clock explains a motion that follows
-commands before they were sent."""
+"""Logs whose rows hold the command of the row before: the motion follows commands before they were sent, which no delay
+that a model lacks explains."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +10,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.whitening import Whitener, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
+from mpge_jax.diagnosis.recordings.command_lag import a_row_earlier as recorded_earlier
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -21,14 +20,14 @@ WINDOWS, FEWEST, ITERATIONS = 60, 4, 4
 
 
 def a_row_earlier(p: Prepared) -> Prepared:
-    """The same with every command on the row before, where it was given."""
+    """The same with every command on the row before, where it was given, but of actuators whose force was measured: it
+    drives them, and what their commands did was told before."""
     commanded = ~p.measured
 
     def again(s: Source) -> Source:
-        command, r = s.command.copy(), s.recording
+        command = s.command.copy()
         command[:-1, commanded] = s.command[1:, commanded]
-        ctrl = None if r.ctrl is None else np.concatenate([r.ctrl[1:], r.ctrl[-1:]])
-        return s.rebuilt(command=command, recording=replace(r, ctrl=ctrl))
+        return s.rebuilt(command=command, recording=recorded_earlier(s.recording, commanded))
 
     return p.mapped(again)
 
@@ -36,7 +35,7 @@ def a_row_earlier(p: Prepared) -> Prepared:
 def rows_are_late(p: Prepared, f: Fitted) -> bool:
     """Whether recordings that `f` was not fitted to are predicted better, beyond doubt, with commands of a row earlier,
     its parameters fitted anew either way."""
-    if p.measured.all() or p.model.nu == 0:
+    if p.measured.all():
         return False
     now, then = p, a_row_earlier(p)
     cuts = [(q.windows("train", q.config.decide_s, WINDOWS, seed=31), _held(q)) for q in (now, then)]

@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.selection.procedure import Decision
 
 @dataclass(frozen=True)
 class MeasurementModel:
-    """Delays and zeros with which recordings are read.
+    """Rows, ages, delays and zeros with which recordings are read.
 
     Attributes:
         at_rows: the recordings with their zeros, and with forces that begin at the rows. late: actuator -> the delays
@@ -49,7 +49,7 @@ class MeasurementModel:
     def with_moved_rows(self, found: Decision) -> MeasurementModel | None:
         """With every command on the row before, where what was found predicts better so; else None."""
         nothing = not found.fit.hypothesis.terms and found.left is None
-        if nothing or not rows_are_late(self.read(), found.fit):
+        if nothing or READ_SO in self.at_rows.warnings or not rows_are_late(self.read(), found.fit):
             return None
         self.at_rows.warnings.append(READ_SO)
         return replace(self, at_rows=a_row_earlier(self.at_rows)).given(found.fit)

@@ -18,6 +18,8 @@ OVER = 0.01
 """Seconds on either side of a row, at least, over which its acceleration is taken."""
 ENOUGH, ROWS = 60, 4000
 """Rows that are needed, and rows that are used at most."""
+FEWEST_ROWS = 2
+"""Rows of the shortest log."""
 EXPLAINED = 0.2
 """Least share of the force that a command must explain beside position, velocity and friction."""
 SHARP = 20.0
@@ -25,7 +27,8 @@ SHARP = 20.0
 ALIKE = 1.0
 """Rows within which lags of several actuators are one."""
 READ_SO = (
-    "each row holds the command of the row before it (the motion is ahead of it by a row): it was read so."
+    "each row of the log holds the command that was sent a row before (motion or measured force runs a row ahead of "
+    "the commands): commands were moved one row back."
 )
 NOT_TOLD = (
     "how late commands act all together cannot be told from it: a delay that all actuators have in common may be the "
@@ -68,20 +71,37 @@ def without_previous_commands(
     motion then follows commands before they were sent, which no delay and no clock of a machine explains. And what was
     done, for the user."""
     told = 0
+    # where some have none, commands drive the machine in all
+    measured = all(r.force is not None for r in recordings)
     for r in recordings:
-        lag = None if r.ctrl is None else common_lag(r.time, r.qpos, r.qvel, r.ctrl, model, r.force)
+        force = r.force if measured else None
+        lag = None if r.ctrl is None else common_lag(r.time, r.qpos, r.qvel, r.ctrl, model, force)
         if lag is not None and not -1.5 < lag.common / lag.step < -0.5:
             return recordings, []
         told += lag is not None
     if 2 * told <= len(recordings):
         return recordings, []
-    return [r if r.ctrl is None else _read_so(r, r.ctrl) for r in recordings], [READ_SO]
+    return [_read_so(r) for r in recordings], [READ_SO]
 
 
-def _read_so(r: Recording, ctrl: Array) -> Recording:
-    """Every row with the command of the next one, and without the last one, whose command was not logged."""
-    cut = {k: v[:-1] for k in ("time", "qpos", "qvel", "force") if (v := getattr(r, k)) is not None}
-    return replace(r, **cut, ctrl=ctrl[1:])
+def _read_so(r: Recording) -> Recording:
+    """Every row with the command of the next one. The last one goes, as its command was not logged, but from a log of
+    two rows, of which it tells where the first command led."""
+    moved = a_row_earlier(r, slice(None))
+    if r.ctrl is None or r.time.size <= FEWEST_ROWS:
+        return moved
+    keys = ("time", "qpos", "qvel", "ctrl", "force")
+    return replace(moved, **{k: v[:-1] for k in keys if (v := getattr(moved, k)) is not None})
+
+
+def a_row_earlier(r: Recording, actuators: slice | Array) -> Recording:
+    """The same with the commands of some actuators a row earlier, the last one repeated."""
+    if r.ctrl is None:
+        return r
+    ctrl = r.ctrl.copy()
+    ctrl[:-1, actuators] = r.ctrl[1:, actuators]
+    before = None if r.earlier is None else a_row_earlier(r.earlier, actuators)
+    return replace(r, ctrl=ctrl, earlier=before)
 
 
 def common_lag(
@@ -103,14 +123,17 @@ def common_lag(
         time: [T] s. qpos: [T, nq]. qvel: [T, nv] or None. measured: [T, nu] forces of actuators, or None.
     """
     driven = [a for a in range(model.nu) if is_joint_transmission(model, a)]
-    if measured is not None and not np.isfinite(measured[:, driven]).all():
-        measured = None
+    if measured is not None:
+        driven = [a for a in driven if np.isfinite(measured[:, a]).all()] or driven
+        measured = measured if np.isfinite(measured[:, driven]).all() else None
+    joints = [int(model.actuator_trnid[a, 0]) for a in driven]
+    needs = qpos if measured is None else qpos[:, model.jnt_qposadr[joints]]
     if (model.nq != model.nv and measured is None) or not driven or time.size < ENOUGH:
         return None
     step = float(np.median(np.diff(time)))
     s = max(1, round(OVER / step))
     rows = _rows(time, s, step)
-    if rows.size < ENOUGH or not np.isfinite(ctrl).all() or np.isnan(qpos).any():
+    if rows.size < ENOUGH or not np.isfinite(ctrl).all() or np.isnan(needs).any():
         return None
     qvel = None if qvel is None or np.isnan(qvel).any() else qvel
     v, acceleration = _motion(time, qpos, qvel, rows, s)

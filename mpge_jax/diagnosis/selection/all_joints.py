@@ -92,22 +92,21 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
 def _thinned(s: Search, f: Fitted) -> Fitted:
     """`f` without what windows are predicted as well without. Of the terms that the data do not tell from null the
     weaker half is taken away at once, and the rest is fitted again: what one of two like effects explains, the other
-    must be free to take over. Where that half is missed, by what is left or by all that there was, half of it is tried,
-    and so on."""
-    whole: Fitted | None = None
+    must be free to take over. Where that half is missed, by what is left or by the best that there was, half of it is
+    tried, and so on."""
+    best: Fitted | None = None
     while f.hypothesis.terms:
         whites = s.whiten(f)
         f = fit(s.sim, [f], s.train, whites[0], iterations=ITERATIONS)[0]
-        whole = f if whole is None else whole
         size = strength(s, f)
         weak = sorted((t for t in size if size[t] < NAMED), key=lambda t: size[t])
         count = (len(weak) + 1) // 2
         while count:
             kept = Hypothesis.of(*(t for t in f.hypothesis.terms if t not in weak[:count]))
             fewer = fit(s.sim, [f.of_terms(s.sim.ctx, kept)], s.train, whites[0], iterations=ITERATIONS)[0]
-            *more, less = s.score([f, whole, fewer], whites)
+            less, *more = s.score([fewer, f] if best is None else [fewer, f, best], whites)
             if not any(needed(r, less) for r in more):
-                f = fewer
+                f, best = fewer, min(more, key=lambda r: r.losses.mean()).fit
                 break
             count //= 2
         else:

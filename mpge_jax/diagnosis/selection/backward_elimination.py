@@ -24,20 +24,21 @@ Array = np.ndarray
 
 def prune(s: Search, current: Fitted) -> Fitted:
     """Remove or simplify, one at a time, effects without which held-out windows are predicted as well: as by what is
-    left, and as by all that there was, as many slight losses add up."""
-    whole: Fitted | None = None
+    left, and as by the best that there was, as many slight losses add up."""
+    best: Fitted | None = None
     while current.hypothesis.terms:
         if not _simpler(s, current):
             return current
         whites = s.whiten(current)
         current = fit(s.sim, [current], s.train, whites[0], iterations=3)[0]
-        whole = current if whole is None else whole
         smaller = fit(s.sim, _simpler(s, current), s.train, whites[0], iterations=4)
-        *scored, now, first = s.score([*smaller, current, whole], whites)
-        weakest = min(scored, key=lambda r: r.losses.mean())
+        more = [current] if best is None else [current, best]
+        scored = s.score([*smaller, *more], whites)
+        weakest = min(scored[: len(smaller)], key=lambda r: r.losses.mean())
         # what was once accepted needs less to stay
-        if any(needed(r, weakest) and moves(s, r.fit, weakest.fit) for r in (now, first)):
+        if any(needed(r, weakest) and moves(s, r.fit, weakest.fit) for r in scored[len(smaller) :]):
             return current
+        best = min(scored[len(smaller) :], key=lambda r: r.losses.mean()).fit
         s.log.append(f"removed: {current.hypothesis} -> {weakest.fit.hypothesis}")
         current = weakest.fit
     return current

@@ -22,12 +22,12 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
     length, beyond doubt; with its errors there, and those effects.
 
     One is taken away at a time, as others may stand in for it, and the others are fitted again. All that went together
-    must not be missed either: what each of many explains may be too slight to be sure of, and its sum is not. What is
-    left must then predict better than the model as given, or all of it goes.
+    must not be missed either, nor may what is left predict no better than the model as given where more did: what each
+    of many explains may be too slight to be sure of, and its sum is not. What never predicts better goes as a whole.
     """
     gone: list[Term] = []
     report = fit_report(p, f, part)
-    whole = report.after
+    best = report.after
     while f.hypothesis.terms:
         sure = {t: _evidence(e, report.after) for t, e in errors_without(p, f, report).items()}
         weakest = min(sure, key=lambda t: sure[t])
@@ -35,11 +35,11 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
             break
         fewer = _refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
         its = fit_report(p, fewer, part)
-        if beyond_doubt(_evidence(its.after, whole)):
+        if beyond_doubt(_evidence(its.after, best)) or (_helps(report) and not _helps(its)):
             break
         gone.append(weakest)
-        f, report = fewer, its
-    if f.hypothesis.terms and not beyond_doubt(_evidence(report.before, report.after)):
+        f, report, best = fewer, its, min(best, its.after, key=lambda e: e.rms)
+    if f.hypothesis.terms and not _helps(report):
         gone += f.hypothesis.terms
         f, report = NOTHING, fit_report(p, NOTHING, part)
     return f, report, gone
@@ -49,6 +49,11 @@ def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
     """Whether recordings that only choose are predicted better, over windows of the reported length, beyond doubt."""
     w = judged(p, "choice")
     return beyond_doubt(_evidence(*(errors(p.sim, f, w, p.noise) for f in (old, new))))
+
+
+def _helps(report: FitReport) -> bool:
+    """Whether a fit predicts better than the model as given."""
+    return beyond_doubt(_evidence(report.before, report.after))
 
 
 def _evidence(without: Errors, after: Errors) -> float:

@@ -155,22 +155,47 @@ def test_ranks_see_what_spoiled_windows_blur():
     assert mean < 1.0 and deviations(gain) > 3.0
 
 
-@pytest.mark.parametrize(
-    ("what", "decides"),
-    [("nothing but noise", True), ("more than the noise", False), ("a window that stands out", False)],
-)
-def test_few_windows_decide_where_the_better_hypothesis_leaves_nothing_but_noise(null, what, decides):
-    """A motor that saturates in two windows of forty: what explains all of them has the noise as its witness."""
+QUIET = 0.9 + 0.05 * np.random.default_rng(0).standard_normal((2, 40))
+
+
+def _saturating(null, factor=1.0, each=None, new=QUIET[0]) -> tuple[Scored, Scored]:
+    """A hypothesis that explains two windows of forty, and one that does not; `each`: losses of its joints."""
     s, _ = null
-    rng = np.random.default_rng(0)
-    quiet = 0.9 + 0.1 * rng.standard_normal((2, 40))
-    new, old = quiet[0].copy(), quiet[1].copy()
-    old[[3, 17]] = 14.0
-    if what == "a window that stands out":
-        new[3] = old[3] = 12.0
-        old[17] = 30.0
-    factor = 2.0 if what == "more than the noise" else 1.0
-    better = Scored(fitted(s, {COULOMB: [0.1]}), quiet[0][:10], new, 1, 1, factor)
-    worse = Scored(NOTHING, quiet[1][:10], old, 0, 0, factor)
-    assert needed(better, worse, among=100) == decides
-    assert better.noise_alone == decides and not worse.noise_alone
+    old = QUIET[1].copy()
+    old[[13, 27]] = 14.0
+    joints = np.zeros((0, 0)) if each is None else each
+    before = np.zeros((0, 0)) if each is None else each + (old - QUIET[1])[:, None]
+    better = Scored(fitted(s, {COULOMB: [0.1]}), new[:10], new[10:], 1, 1, factor, joints)
+    return better, Scored(NOTHING, old[:10], old[10:], 0, 0, factor, before)
+
+
+def test_few_windows_decide_where_the_better_hypothesis_leaves_nothing_but_noise(null):
+    better, worse = _saturating(null)
+    assert better.noise_alone and not worse.noise_alone
+    assert needed(better, worse, among=100)
+    assert not beyond_doubt(log_ratio((worse.losses - better.losses)[10:]), among=100)
+    assert held_out_evidence(worse, better) == -held_out_evidence(better, worse)
+
+
+def _outlier() -> np.ndarray:
+    new = QUIET[0].copy()
+    new[5] = 5.0
+    return new
+
+
+@pytest.mark.parametrize(
+    ("what", "settings"),
+    [
+        ("the noise is enlarged to what is left", {"factor": 2.0}),
+        ("more is left than noise", {"new": QUIET[0] + 0.24}),
+        ("a window stands out", {"new": _outlier()}),
+        (
+            "one joint of many leaves more",
+            {"each": np.where(np.arange(7) == 2, 1.9, 0.9) + np.zeros((40, 1))},
+        ),
+    ],
+)
+def test_else_few_windows_are_little_evidence(null, what, settings):
+    better, worse = _saturating(null, **settings)
+    assert not better.noise_alone
+    assert not needed(better, worse, among=100)

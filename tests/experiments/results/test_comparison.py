@@ -28,6 +28,11 @@ def test_a_share_is_where_a_method_lies_between_the_bounds():
     assert share.told == f"0.44 ({low:.2f} to {high:.2f})"
 
 
+def test_bounds_that_change_places_leave_no_interval():
+    (share,) = comparison.shares(rows(direct=[0.0, 300.0], GAT=[150.0, 200.0], target=[100.0, 400.0]))
+    assert share.value == pytest.approx(0.25) and share.interval is None
+
+
 def test_seeds_that_agree_leave_no_doubt_and_one_seed_tells_none():
     (sure,) = comparison.shares(rows(direct=[0.0] * 3, GAT=[50.0] * 3, target=[100.0] * 3))
     assert sure.value == 0.5 and sure.interval == pytest.approx((0.5, 0.5))

@@ -59,7 +59,11 @@ def test_every_transformer_is_tried_along_every_policy(folder: Path):
     heat_map.draw(record, folder / "heat_map.png")
     (folder / "heat_map.json").write_text(json.dumps(record))
     text = results.page(results.Args((folder,), folder.parent / "docs" / "results.md"))
-    assert "seed i of SPG recorded with policy i alone" in text and "sweep-heat_map.png" in text
+    assert (
+        "along 64 steps of each rollout policy in" in text
+        and "SPG recorded" not in text
+        and "sweep-heat_map.png" in text
+    )
     means = " | ".join(f"{x:.3f}" for x in errors.mean(axis=(0, 1)))
     assert f"| MPGE-MS-500 | {means} | {errors.min():.3f}, {errors.max():.3f} |" in text
 
