@@ -22,6 +22,7 @@ from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest, one_of_e
 from mpge_jax.diagnosis.machine.contact_pairs import allowed_pairs
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.recordings.checks import check_base
+from mpge_jax.diagnosis.recordings.command_lag import READ_SO
 from mpge_jax.diagnosis.recordings.reader import read_recording
 from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force
 from mpge_jax.diagnosis.simulation.windows import _spans
@@ -199,14 +200,14 @@ def test_rows_that_hold_the_command_of_the_row_before_are_read_as_they_were_mean
     right = record(PENDULUM, 0.3)
     late = [replace(r, ctrl=np.concatenate([r.ctrl[:1], r.ctrl[:-1]])) for r in right]
     p = prepared_of(PENDULUM, late)
-    assert p.warnings[0].startswith("each row holds the command of the row before it")
+    assert p.warnings[0] == READ_SO
     shown = p.train[0].recording
     (same,) = (r for r in right if r.name == shown.name)
     np.testing.assert_array_equal(shown.ctrl[:-1], same.ctrl[: shown.time.size - 1])
     # a command that acts a row late may be the machine's delay, and stays
     early = [replace(r, ctrl=np.concatenate([r.ctrl[1:], r.ctrl[-1:]])) for r in right]
     for runs in (right, early):
-        assert not any("row before it" in w for w in prepared_of(PENDULUM, runs).warnings)
+        assert READ_SO not in prepared_of(PENDULUM, runs).warnings
 
 
 def test_commands_for_a_model_without_actuators_are_refused(tmp_path):
