@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import flax.traverse_util
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -145,14 +146,8 @@ class SweepFolder:
         file = self.cell(method, samples) / "transformers.npz"
         if not file.is_file():
             return None
-        tree: dict[str, Any] = {}
-        for name, value in files.read_npz(file).items():
-            *above, last = name.split("/")
-            place = tree
-            for part in above:
-                place = place.setdefault(part, {})
-            place[last] = jnp.asarray(value)
-        return Transformer(**tree)
+        arrays = {name: jnp.asarray(value) for name, value in files.read_npz(file).items()}
+        return Transformer(**flax.traverse_util.unflatten_dict(arrays, sep="/"))
 
     def save_error(self, method: str, samples: int, message: str) -> None:
         """Records why a cell failed."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mpge_jax.diagnosis.evidence.held_out_error import fit_report
-from mpge_jax.diagnosis.evidence.likelihood_ratio import by_scatter, standard_error
+from mpge_jax.diagnosis.evidence.likelihood_ratio import by_scatter, log_ratio, standard_error
 
 Own = Callable[..., Any]
 INF = float("inf")
@@ -128,6 +128,11 @@ def first_of_ties(own: Own, s: Any, ranked: list[Any], *rest: Any) -> Any:
 def half_the_sum(_own: Own | None, gain: np.ndarray) -> float:
     """The logarithm of a likelihood ratio as if a window were one observation."""
     return 0.5 * float(gain.sum())
+
+
+def whoever_is_better(_own: Own | None, _a: Any, _b: Any, gain: np.ndarray) -> float:
+    """The logarithm of a likelihood ratio, whatever the better hypothesis leaves."""
+    return log_ratio(gain)
 
 
 def scatter_alone(_own: Own | None, gain: np.ndarray) -> float:

@@ -21,9 +21,9 @@ from experiments.ablation.gates import (
     scatter_alone,
     something,
     went,
+    whoever_is_better,
     within,
 )
-from mpge_jax.diagnosis.evidence.likelihood_ratio import log_ratio
 from mpge_jax.diagnosis.evidence.scored import evidence
 from mpge_jax.diagnosis.thresholds import SURE
 
@@ -78,8 +78,8 @@ GATES = (
         "where the better hypothesis leaves noise alone, gains of few windows count for what they are",
         (),
         f"{SCORED}:_ratio",
-        lambda _own, _a, _b, gain: log_ratio(gain),
-        within(*ASKED, lambda _own, _a, _b, gain: log_ratio(gain)),
+        whoever_is_better,
+        within(*ASKED, whoever_is_better),
     ),
     Gate(
         "named",

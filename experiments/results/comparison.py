@@ -11,8 +11,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from experiments import paper
-from experiments.methods import METHODS
 from experiments.report import save_figure
+from experiments.results.sweeps import order
 
 Rows = list[dict[str, Any]]
 
@@ -40,6 +40,9 @@ class Share:
         return f"{self.value:.2f}{ends}"
 
 
+Shares = dict[str, list[Share]]
+
+
 def returns(rows: Rows, method: str, samples: int | None = None) -> np.ndarray:
     """Stochastic returns [S] of a method's seeds."""
     found = [
@@ -59,7 +62,7 @@ def shares(rows: Rows) -> list[Share]:
     if not low.size or not high.size or high.mean() <= low.mean():
         return []
     cells = sorted(
-        {(row["method"], row["samples"]) for row in rows if row["method"] not in BOUNDS}, key=_order
+        {(row["method"], row["samples"]) for row in rows if row["method"] not in BOUNDS}, key=order
     )
     out = []
     for method, samples in cells:
@@ -67,11 +70,6 @@ def shares(rows: Rows) -> list[Share]:
         value = float((own.mean() - low.mean()) / (high.mean() - low.mean()))
         out.append(Share(method, samples, value, _interval(own, low, high)))
     return out
-
-
-def _order(cell: tuple[str, int]) -> tuple[int, int]:
-    """Methods in their own order, then by samples."""
-    return list(METHODS).index(cell[0]), cell[1]
 
 
 def _interval(own: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[float, float] | None:
@@ -86,13 +84,16 @@ def _interval(own: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[float
     return float(np.quantile(drawn, 0.025)), float(np.quantile(drawn, 0.975))
 
 
-def shares_table(by_task: dict[str, Rows]) -> list[str]:
+def shares_by_task(by_task: dict[str, Rows]) -> Shares:
+    """Of the tasks whose sweeps have both bounds."""
+    return {task: found for task, rows in by_task.items() if (found := shares(rows))}
+
+
+def shares_table(found: Shares) -> list[str]:
     """Markdown: methods down, tasks across; empty where no sweep has both bounds."""
-    found = {task: {(s.method, s.samples): s for s in shares(rows)} for task, rows in by_task.items()}
-    found = {task: cells for task, cells in found.items() if cells}
     if not found:
         return []
-    order = sorted({cell for cells in found.values() for cell in cells}, key=_order)
+    by_cell = [{(s.method, s.samples): s for s in each} for each in found.values()]
     lines = [
         "How far each method comes from `direct` (0) to `target` (1), (return - direct) / (target - direct), with the "
         f"95 % percentile interval of {DRAWS:,} bootstrap samples (seeds of the method, of `direct` and of `target` "
@@ -102,19 +103,17 @@ def shares_table(by_task: dict[str, Rows]) -> list[str]:
         f"| method | samples | {' | '.join(found)} |",
         f"|---|--:|{'--:|' * len(found)}",
     ]
-    for cell in order:
-        told = " | ".join(cells[cell].told if cell in cells else "-" for cells in found.values())
+    for cell in sorted(set().union(*by_cell), key=order):
+        told = " | ".join(cells[cell].told if cell in cells else "-" for cells in by_cell)
         lines.append(f"| {cell[0]} | {f'{cell[1]:,}' if cell[1] else '-'} | {told} |")
     return lines
 
 
-def shares_figure(by_task: dict[str, Rows], path: Path) -> bool:
+def shares_figure(found: Shares, path: Path) -> bool:
     """The same as a picture, a panel for each task; whether there was anything to draw."""
-    found = {task: shares(rows) for task, rows in by_task.items()}
-    found = {task: each for task, each in found.items() if each}
     if not found:
         return False
-    names = sorted({(s.method, s.samples) for each in found.values() for s in each}, key=_order, reverse=True)
+    names = sorted({(s.method, s.samples) for each in found.values() for s in each}, key=order, reverse=True)
     figure, panels = plt.subplots(
         1,
         len(found),

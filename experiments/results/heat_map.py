@@ -28,7 +28,7 @@ from experiments.ending import exit_status
 from experiments.methods import METHODS
 from experiments.methods.grounded import grounded
 from experiments.report import save_figure
-from experiments.results.sweeps import read_json
+from experiments.results.sweeps import order, read_json
 from experiments.storage import SweepFolder, versions
 from mpge_jax import files
 from mpge_jax.grounding import transform_error
@@ -95,7 +95,7 @@ def measured(folder: Path, steps: int) -> dict[str, Any]:
     sweep = SweepFolder(folder, identity)
     cells = {}
     done = {(row["method"], row["samples"]) for row in sweep.rows()}
-    for method, samples in sorted(done, key=lambda cell: (list(METHODS).index(cell[0]), cell[1])):
+    for method, samples in sorted(done, key=order):
         made = sweep.transformers(method, samples)
         # what was learned in a corrected simulator does not belong before the plain one
         if made is None or METHODS[method].work is not grounded:

@@ -5,7 +5,6 @@ python -m experiments.results results/SkewedPendulum-quick results/benchmark
 No number in it is typed: run the command again and the page is made anew from the folders that it is given.
 """
 
-import os
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ import envs
 from experiments.benchmark import table
 from experiments.ending import exit_status
 from experiments.results import comparison
-from experiments.results.sweeps import Sweep, read_json, read_sweep, sweep_section
+from experiments.results.sweeps import Sweep, image, read_json, read_sweep, sweep_section
 from mpge_jax import files
 from mpge_jax.rollouts import policies
 
@@ -116,13 +115,13 @@ def _shown(folder: Path) -> str:
 def comparison_section(sweeps: list[Sweep], images: Path, out: Path) -> list[str]:
     """Methods against each other and against the paper, for the tasks of the sweeps: paragraphs of Markdown."""
     by_sweep = {f"{s.identity['task']}, {s.identity['preset']['name']}": s.rows for s in sweeps}
-    parts = []
-    if table_of := comparison.shares_table(by_sweep):
+    parts, found = [], comparison.shares_by_task(by_sweep)
+    if found:
         picture = images / f"{out.stem}-shares.png"
         images.mkdir(parents=True, exist_ok=True)
-        comparison.shares_figure(by_sweep, picture)
-        link = os.path.relpath(picture, out.parent).replace(os.sep, "/")
-        parts += ["## From direct to target", "\n".join(table_of), f"![Shares of the way]({link})"]
+        comparison.shares_figure(found, picture)
+        told = "\n".join(comparison.shares_table(found))
+        parts += ["## From direct to target", told, image("Shares of the way", picture, out)]
     # quick runs have budgets of their own, far from the paper's
     by_task = {s.identity["task"]: s.rows for s in sweeps if s.identity["preset"]["name"] != "quick"}
     if beside := comparison.paper_tables(by_task):

@@ -74,10 +74,6 @@ def read_json(path: Path) -> Any:
         raise ValueError(f"{path} cannot be read ({type(error).__name__}: {error})") from error
 
 
-def _read_json_if_there(path: Path) -> Any:
-    return read_json(path) if path.is_file() else None
-
-
 def read_sweep(folder: Path) -> Sweep:
     """Reads a sweep's folder.
 
@@ -98,9 +94,10 @@ def read_sweep(folder: Path) -> Sweep:
         for file in sorted((folder / "cells").glob("*/error.json"))
         if not (file.parent / "result.json").exists()
     }
-    along = _read_json_if_there(folder / "heat_map.json")
+    heat_map = folder / "heat_map.json"
+    along = read_json(heat_map) if heat_map.is_file() else None
     if along is not None and not {"cells", "steps", "versions"} <= set(along):
-        raise ValueError(f"{folder / 'heat_map.json'} is not what heat_map writes; run it again")
+        raise ValueError(f"{heat_map} is not what heat_map writes; run it again")
     if "target_log" in record.get("identity", {}):
         raise ValueError(f"{folder} was made from a recorded log and has no returns; read its own results.md")
     try:
@@ -150,7 +147,7 @@ def seconds_table(sweep: Sweep) -> list[str]:
     """Wall time of every cell, all seeds together."""
     spent: dict[tuple[str, int], list[float]] = {}
     resumed = {(row["method"], row["samples"]) for row in sweep.rows if row.get("resumed")}
-    for row in sorted(sweep.rows, key=_place):
+    for row in sorted(sweep.rows, key=lambda row: order((row["method"], row["samples"]))):
         times = spent.setdefault((row["method"], row["samples"]), [0.0, 0.0])
         times[0] += row.get("seconds", float("nan")) / 60
         times[1] += row.get("grounding_seconds", 0.0) / 60
@@ -177,7 +174,7 @@ def curve_table(sweep: Sweep) -> list[str]:
         f"| method | samples | iterations | {' | '.join(heads)} |",
         f"|---|--:|--:|{'--:|' * len(SHARES)}",
     ]
-    for method, samples in sorted(curves, key=lambda cell: _place(dict(method=cell[0], samples=cell[1]))):
+    for method, samples in sorted(curves, key=order):
         curve = curves[method, samples]
         uniform, own = (_mean(curve[name]) for name in ("error_uniform", "error_own"))
         at = [max(0, round(share * len(uniform)) - 1) for share in SHARES]
@@ -209,9 +206,10 @@ def policies_table(sweep: Sweep) -> list[str]:
     return lines
 
 
-def _place(row: dict[str, Any]) -> tuple[int, int]:
-    """Where a row stands in a table: methods in their own order, then by samples."""
-    return list(METHODS).index(row["method"]), row["samples"]
+def order(cell: tuple[str, int]) -> tuple[int, int]:
+    """Where a method and its samples stand in a table: methods in their own order, then by samples."""
+    method, samples = cell
+    return list(METHODS).index(method), samples
 
 
 def _mean(values: np.ndarray) -> np.ndarray:
@@ -238,10 +236,16 @@ def sweep_section(sweep: Sweep, images: Path, page: Path) -> str:
         images.mkdir(parents=True, exist_ok=True)
         copy = images / f"{sweep.name}-{picture.name}"
         shutil.copyfile(picture, copy)
-        what = PICTURES[picture.stem]
-        link = os.path.relpath(copy, page.parent).replace(os.sep, "/")
-        lines += ["", f"![{what}, {i['task']}, preset {i['preset']['name']}]({link})"]
+        lines += [
+            "",
+            image(f"{PICTURES[picture.stem]}, {i['task']}, preset {i['preset']['name']}", copy, page),
+        ]
     return "\n".join(lines)
+
+
+def image(what: str, picture: Path, page: Path) -> str:
+    """A picture on a page, as Markdown."""
+    return f"![{what}]({os.path.relpath(picture, page.parent).replace(os.sep, '/')})"
 
 
 def _where(sweep: Sweep) -> str:

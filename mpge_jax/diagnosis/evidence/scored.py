@@ -133,7 +133,7 @@ def _ratio(a: Scored, b: Scored, gain: Array) -> float:
     nothing but noise of the size that it was taken to have, half of their sum counts, though few windows make it."""
     ratio, least = log_ratio(gain), 0.5 * float(gain.sum())
     better = a if least > 0.0 else b
-    return max(ratio, least, key=abs) if better.noise_alone else ratio
+    return least if abs(least) > abs(ratio) and better.noise_alone else ratio
 
 
 def clearly_worse(a: Scored, best: Scored) -> bool:

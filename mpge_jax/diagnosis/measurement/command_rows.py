@@ -7,11 +7,11 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.whitening import Whitener, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
-from mpge_jax.diagnosis.recordings.command_lag import a_row_earlier as recorded_earlier
-from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.recordings.command_lag import a_row_earlier
+from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
 
@@ -19,7 +19,7 @@ Array = np.ndarray
 WINDOWS, FEWEST, ITERATIONS = 60, 4, 4
 
 
-def a_row_earlier(p: Prepared) -> Prepared:
+def with_earlier_commands(p: Prepared) -> Prepared:
     """The same with every command on the row before, where it was given, but of actuators whose force was measured: it
     drives them, and what their commands did was told before."""
     commanded = ~p.measured
@@ -27,7 +27,7 @@ def a_row_earlier(p: Prepared) -> Prepared:
     def again(s: Source) -> Source:
         command = s.command.copy()
         command[:-1, commanded] = s.command[1:, commanded]
-        return s.rebuilt(command=command, recording=recorded_earlier(s.recording, commanded))
+        return s.rebuilt(command=command, recording=a_row_earlier(s.recording, commanded))
 
     return p.mapped(again)
 
@@ -37,21 +37,20 @@ def rows_are_late(p: Prepared, f: Fitted) -> bool:
     its parameters fitted anew either way."""
     if p.measured.all():
         return False
-    now, then = p, a_row_earlier(p)
-    cuts = [(q.windows("train", q.config.decide_s, WINDOWS, seed=31), _held(q)) for q in (now, then)]
-    if min(w.count for pair in cuts for w in pair) < FEWEST:
+    both = p, with_earlier_commands(p)
+    train, held = ([_cut(q, part) for q in both] for part in ("train", "choice"))
+    if min(w.count for w in (*train, *held)) < FEWEST:
         return False
-    fits = [_fitted(q, f, train) for q, (train, _) in zip((now, then), cuts, strict=True)]
-    white = _white(then, fits[1], cuts[1][1])
+    now, then = (_fitted(p, f, w) for w in train)
+    white = _white(p, then, held[1])
     before, after = (
-        robust_loss(white.excess(white(q.sim.residuals([Run(g.hypothesis, g.theta)], held)[0])))
-        for q, g, (_, held) in zip((now, then), fits, cuts, strict=True)
+        robust_loss(evaluate(p.sim, [g], w, white)[0].x) for g, w in zip((now, then), held, strict=True)
     )
     return beyond_doubt(log_ratio(before - after))
 
 
-def _held(p: Prepared) -> Windows:
-    return p.windows("choice", p.config.decide_s, WINDOWS, seed=31)
+def _cut(p: Prepared, part: Part) -> Windows:
+    return p.windows(part, p.config.decide_s, WINDOWS, seed=31)
 
 
 def _fitted(p: Prepared, f: Fitted, w: Windows) -> Fitted:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.measurement.command_rows import a_row_earlier, rows_are_late
+from mpge_jax.diagnosis.measurement.command_rows import rows_are_late, with_earlier_commands
 from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, arrivals, moved, with_arrivals
 from mpge_jax.diagnosis.measurement.encoder_zeros import describe_zeros, other_zeros, with_zeros
 from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age
@@ -52,7 +52,7 @@ class MeasurementModel:
         if nothing or READ_SO in self.at_rows.warnings or not rows_are_late(self.read(), found.fit):
             return None
         self.at_rows.warnings.append(READ_SO)
-        return replace(self, at_rows=a_row_earlier(self.at_rows)).given(found.fit)
+        return replace(self, at_rows=with_earlier_commands(self.at_rows)).given(found.fit)
 
     def with_moved_ages(self, found: Decision) -> MeasurementModel | None:
         """With another age of the servos' forces, where what was found leaves something and tells one: what was missing

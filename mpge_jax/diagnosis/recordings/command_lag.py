@@ -123,11 +123,10 @@ def common_lag(
         time: [T] s. qpos: [T, nq]. qvel: [T, nv] or None. measured: [T, nu] forces of actuators, or None.
     """
     driven = [a for a in range(model.nu) if is_joint_transmission(model, a)]
-    if measured is not None:
-        driven = [a for a in driven if np.isfinite(measured[:, a]).all()] or driven
-        measured = measured if np.isfinite(measured[:, driven]).all() else None
-    joints = [int(model.actuator_trnid[a, 0]) for a in driven]
-    needs = qpos if measured is None else qpos[:, model.jnt_qposadr[joints]]
+    known = [] if measured is None else [a for a in driven if np.isfinite(measured[:, a]).all()]
+    measured, driven = (measured, known) if known else (None, driven)
+    joint_of = {a: int(model.actuator_trnid[a, 0]) for a in driven}
+    needs = qpos if measured is None else qpos[:, model.jnt_qposadr[list(joint_of.values())]]
     if (model.nq != model.nv and measured is None) or not driven or time.size < ENOUGH:
         return None
     step = float(np.median(np.diff(time)))
@@ -140,12 +139,11 @@ def common_lag(
     lags = np.arange(-LONGEST, LONGEST + 1e-9, max(step / 4, 1e-3))
     if measured is None:
         needed = _needed(model, qpos[rows], v, acceleration)
-        forces = {a: needed[:, model.jnt_dofadr[model.actuator_trnid[a, 0]]] for a in driven}
+        forces = {a: needed[:, model.jnt_dofadr[joint]] for a, joint in joint_of.items()}
     else:
-        forces = {a: _mean(time, measured[:, a], rows, s, 0.0) for a in driven}
+        forces = {a: _mean(time, _integral(time, measured[:, a]), rows, s, 0.0) for a in driven}
     curves = {}
-    for a in driven:
-        joint = int(model.actuator_trnid[a, 0])
+    for a, joint in joint_of.items():
         column = int(model.jnt_qposadr[joint])
         speed = v[:, column if qvel is None else model.jnt_dofadr[joint]]
         curve = _misfit(time, ctrl[:, a], forces[a], qpos[rows, column], speed, rows, s, lags)
@@ -202,9 +200,9 @@ def _misfit(
     whole = float(y @ y)
     if whole <= 1e-18 * max(float(force @ force), 1e-300):
         return None
-    left = np.empty(lags.size)
+    left, total = np.empty(lags.size), _integral(time, command)
     for i, lag in enumerate(lags):
-        x = _mean(time, command, rows, s, lag)
+        x = _mean(time, total, rows, s, lag)
         x = x - basis @ (basis.T @ x)
         size = float(x @ x)
         left[i] = whole - (float(x @ y) ** 2 / size if size > 0 else 0.0)
@@ -212,9 +210,13 @@ def _misfit(
     return None if left.min() > (1 - EXPLAINED) * whole else np.log(left)
 
 
-def _mean(time: Array, held: Array, rows: Array, s: int, lag: float) -> Array:
-    """Mean [R] of what is held from row to row over the time around some rows, `lag` s late."""
-    total = np.concatenate([[0.0], np.cumsum(held[:-1] * np.diff(time))])
+def _integral(time: Array, held: Array) -> Array:
+    """Running integral [T] of what is held from row to row."""
+    return np.concatenate([[0.0], np.cumsum(held[:-1] * np.diff(time))])
+
+
+def _mean(time: Array, total: Array, rows: Array, s: int, lag: float) -> Array:
+    """Mean [R] over the time around some rows, `lag` s late, of what has the running integral `total` [T]."""
     first, last = time[rows - s], time[rows + s]
     return (np.interp(last - lag, time, total) - np.interp(first - lag, time, total)) / (last - first)
 

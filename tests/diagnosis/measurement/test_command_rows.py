@@ -12,7 +12,7 @@ from mpge_jax.diagnosis import Recording
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
-from mpge_jax.diagnosis.measurement.command_rows import a_row_earlier, rows_are_late
+from mpge_jax.diagnosis.measurement.command_rows import rows_are_late, with_earlier_commands
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
 from mpge_jax.diagnosis.recordings.command_lag import READ_SO, without_previous_commands
 from mpge_jax.diagnosis.selection.procedure import Decision
@@ -66,7 +66,7 @@ def test_where_nothing_is_missing_nobody_asks(flights):
 def test_measured_forces_stay_on_their_rows(flights):
     p = prepared_of(ROTORS, flights)
     p = replace(p, measured=np.array([True, False]))
-    for old, new in zip(p.train, a_row_earlier(p).train, strict=True):
+    for old, new in zip(p.train, with_earlier_commands(p).train, strict=True):
         np.testing.assert_array_equal(new.command[:, 0], old.command[:, 0])
         np.testing.assert_array_equal(new.command[:-1, 1], old.command[1:, 1])
 

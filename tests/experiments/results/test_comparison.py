@@ -51,19 +51,20 @@ def test_seeds_that_agree_leave_no_doubt_and_one_seed_tells_none():
 )
 def test_without_bounds_there_is_no_share(returns, tmp_path: Path):
     assert comparison.shares(rows(**returns)) == []
-    assert comparison.shares_table({"BrokenHopper": rows(**returns)}) == []
-    assert not comparison.shares_figure({"BrokenHopper": rows(**returns)}, tmp_path / "shares.png")
+    found = comparison.shares_by_task({"BrokenHopper": rows(**returns)})
+    assert comparison.shares_table(found) == []
+    assert not comparison.shares_figure(found, tmp_path / "shares.png")
     assert not (tmp_path / "shares.png").exists()
 
 
 def test_what_was_not_run_is_shown_as_such(tmp_path: Path):
     one = rows(direct=[0.0, 0.0], SPG=[50.0, 50.0], target=[100.0, 100.0])
     two = rows(direct=[0.0, 0.0], GAT=[25.0, 25.0], target=[100.0, 100.0])
-    by_task = {"BrokenHopper": one, "BrokenCheetah": two}
-    text = comparison.shares_table(by_task)
+    found = comparison.shares_by_task({"BrokenHopper": one, "BrokenCheetah": two})
+    text = comparison.shares_table(found)
     assert "| SPG | 500 | 0.50 (0.50 to 0.50) | - |" in text
     assert "| GAT | 500 | - | 0.25 (0.25 to 0.25) |" in text
-    assert comparison.shares_figure(by_task, tmp_path / "shares.png")
+    assert comparison.shares_figure(found, tmp_path / "shares.png")
     assert (tmp_path / "shares.png").read_bytes().startswith(b"\x89PNG")
 
 
