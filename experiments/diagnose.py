@@ -57,6 +57,14 @@ def parser() -> argparse.ArgumentParser:
     )
     add_log_options(out)
     out.add_argument("--list-effects", action=_ListEffects, help="print the effects that it knows, and exit")
+    out.add_argument(
+        "--masses-within",
+        type=float,
+        default=Config.masses_within,
+        metavar="SHARE",
+        help="by which share the given masses and inertias are off, as a standard deviation; 0: not at all (default: "
+        "%(default)s)",
+    )
     out.add_argument("--seed", type=int, default=0)
     out.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, help="threads, one a core at most (default)"
@@ -71,6 +79,7 @@ def _config(args: argparse.Namespace) -> Config:
         return Config(
             effects=tuple(args.effects) if args.effects else None,
             held_out=tuple(args.held_out) if args.held_out else None,
+            masses_within=args.masses_within,
             seed=args.seed,
             jobs=min(args.jobs, os.cpu_count() or 1),
             quiet=args.quiet,

@@ -12,6 +12,7 @@ class Config:
     Attributes:
         effects: identifiers to try (None: all). held_out: names of recordings that only test (None: by the rule).
         seed: seed of every random choice. jobs: threads. decide_s, report_s: window lengths in seconds.
+        masses_within: by which share the given masses and inertias are off, as a standard deviation (0: not at all).
         train_windows, choice_windows: most windows used for deciding. max_effects: most effects looked for.
         quiet: no progress on stderr.
     """
@@ -22,6 +23,7 @@ class Config:
     jobs: int = 2
     decide_s: float = 0.25
     report_s: float = 0.5
+    masses_within: float = 0.03
     train_windows: int = 40
     choice_windows: int = 150
     max_effects: int | None = None
@@ -30,6 +32,8 @@ class Config:
     def __post_init__(self) -> None:
         if not 0.02 <= self.decide_s <= 5 or not 0.02 <= self.report_s <= 5:
             raise ValueError("window lengths must lie between 0.02 and 5 seconds.")
+        if not 0.0 <= self.masses_within <= 0.3:
+            raise ValueError(f"masses_within must lie between 0 and 0.3, got {self.masses_within}.")
         if self.seed < 0:
             raise ValueError(f"seed must not be negative, got {self.seed}.")
         if self.jobs < 1:

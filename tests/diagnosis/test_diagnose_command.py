@@ -89,7 +89,7 @@ def test_friction_is_named_with_its_value(result):
     assert held["before"] > 5 * held["after"] and table["fit"]["window_s"] == pytest.approx(0.5, rel=0.05)
     assert set(table) == {
         "schema", "verdict", "effects", "ambiguous", "unexplained", "location", "fit", "explanation",
-        "warnings", "seed", "versions", "residual",
+        "warnings", "seed", "versions", "residual", "given_inertias",
     }  # fmt: skip
 
 
@@ -338,7 +338,7 @@ def test_every_verdict_is_written_in_the_same_form(verdict, tmp_path):
     assert table["verdict"] == verdict
     assert set(table) == {
         "schema", "verdict", "effects", "ambiguous", "unexplained", "location", "fit", "explanation", "warnings",
-        "seed", "versions", "residual",
+        "seed", "versions", "residual", "given_inertias",
     }  # fmt: skip
     assert (table["unexplained"] is None) == (verdict != "unexplained")
     if verdict == "unexplained":

@@ -69,6 +69,8 @@ class Effect:
     """Whether `along` tells its force where only the motion is known."""
     simulated = True
     """Whether the search by simulated windows tries it; else only where motion and force are given."""
+    named = True
+    """Whether it is physics that a verdict names; else it corrects what is given."""
     senses = False
     """Whether it changes the measurement (`sense`)."""
     fields: tuple[str, ...] = ()

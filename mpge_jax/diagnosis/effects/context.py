@@ -15,8 +15,9 @@ from mpge_jax.diagnosis.machine.contact_pairs import Pairs, allowed_pairs
 class Param:
     """One fitted number: unit, bounds, the scale at which it begins to matter, and a weak Gaussian prior.
 
-    The prior is centred on the start of the fit with deviation `prior` (0: thirty scales); it keeps directions
-    that the data do not see where they are.
+    The prior is centred on the start of the fit with deviation `prior` (0: thirty scales); it keeps directions that the
+    data do not see where they are, and counts in a fit as often as a window has values. One that is `known` beforehand
+    counts once, as each of those does.
     """
 
     name: str
@@ -25,6 +26,7 @@ class Param:
     high: float
     scale: float
     prior: float = 0.0
+    known: bool = False
 
 
 def vector_params(name: str, unit: str, bound: float, scale: float, prior: float) -> tuple[Param, ...]:

@@ -52,6 +52,11 @@ class Hypothesis:
         """Whether parts of its drives strike each other."""
         return any(t.effect.rugged for t in self.terms)
 
+    @property
+    def named(self) -> tuple[Term, ...]:
+        """Its terms but for those that correct what is given."""
+        return tuple(t for t in self.terms if t.effect.named)
+
     def params(self, ctx: Context) -> list[Param]:
         return [p for t in self.terms for p in t.params(ctx)]
 

@@ -48,3 +48,10 @@ def jackknife(precision: Array, parts: Array, scores: Array, scale: Array) -> Ar
     steps = np.einsum("wpk,wp->wk", axes, scores @ root) / np.maximum(kept, 1e-3)
     moves = np.einsum("wpk,wk->wp", axes, steps) @ root.T
     return (moves**2).sum(0) * (n - 1) / n
+
+
+def widened(cov: Array, error: Array) -> Array:
+    """A covariance [p, p] whose deviations hold further errors [p] too, with its correlations."""
+    deviation = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    widths = np.where(deviation > 0, np.hypot(deviation, error) / np.maximum(deviation, 1e-300), 1.0)
+    return cov * widths[:, None] * widths[None, :]

@@ -52,15 +52,16 @@ NOTHING = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
 """The nominal model."""
 
 
-def prior_widths(params: list[Param]) -> Array:
-    return np.array([p.prior or 30.0 * p.scale for p in params])
+def prior_widths(params: list[Param], values: int = 1) -> Array:
+    """Deviations [p] of the prior, as they count in a loss that divides by the number of `values` of a window."""
+    return np.array([(p.prior or 30.0 * p.scale) * (np.sqrt(values) if p.known else 1.0) for p in params])
 
 
 def bounds(params: list[Param]) -> tuple[Array, Array]:
     return np.array([p.low for p in params]), np.array([p.high for p in params])
 
 
-def prior_loss(params: list[Param], theta: Array, centre: Array, windows: int) -> float:
+def prior_loss(params: list[Param], theta: Array, centre: Array, windows: int, values: int) -> float:
     if not params:
         return 0.0
-    return float((((theta - centre) / prior_widths(params)) ** 2).sum()) / max(windows, 1)
+    return float((((theta - centre) / prior_widths(params, values)) ** 2).sum()) / max(windows, 1)

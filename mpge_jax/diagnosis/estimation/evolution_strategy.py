@@ -55,7 +55,7 @@ class _Tried:
         params = f.hypothesis.params(sim.ctx)
         found = evaluate(sim, [replace(f, theta=t) for t in theta], w, white)
         losses = np.array([robust_loss(x.x) for x in found]).reshape(len(found), w.count)
-        loss = losses.mean(1) + [prior_loss(params, t, f.centre, w.count) for t in theta]
+        loss = losses.mean(1) + [prior_loss(params, t, f.centre, *white.seen.shape) for t in theta]
         better = int((loss < self.loss.min(initial=np.inf)).sum())
         self.theta, self.loss = np.concatenate([self.theta, theta]), np.concatenate([self.loss, loss])
         self.losses = np.concatenate([self.losses, losses])

@@ -137,7 +137,7 @@ def _better(
 def _judged(p: Problem, theta: Array, flat: Array, w: Windows, white: Whitener) -> Fitted:
     """The problem's fit at other parameters, with its loss, from the whitened residuals there."""
     x = white.excess(flat)
-    loss = float(robust_loss(x).mean()) + prior_loss(p.params, theta, p.fit.centre, w.count)
+    loss = float(robust_loss(x).mean()) + prior_loss(p.params, theta, p.fit.centre, *flat.shape)
     return replace(p.fit, theta=theta, loss=loss, x=x)
 
 

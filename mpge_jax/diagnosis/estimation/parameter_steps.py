@@ -73,14 +73,14 @@ def proposals(p: Problem, ctx: Context) -> list[Array]:
 def _step(p: Problem, weight: Array, damping: float) -> Array:
     """The damped Gauss-Newton step from where `p` stands, with `weight` [W], inside the bounds: theta [p]."""
     low, high = bounds(p.params)
-    widths = prior_widths(p.params)
     j, r = p.jacobian, p.whitened
+    values = j.shape[-1]
+    widths = prior_widths(p.params, values)
     h = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)
     g = np.einsum("w,pwm,wm->p", weight, j, r, optimize=True)
     # the loss divides by the number of compared values, so its prior counts that often
-    per = float(np.mean((j.shape[-1],)))
-    h = h + np.diag(per / widths**2)
-    g = g + per * (p.fit.theta - p.fit.centre) / widths**2
+    h = h + np.diag(values / widths**2)
+    g = g + values * (p.fit.theta - p.fit.centre) / widths**2
     diagonal = np.diag(h).copy()
     diagonal[diagonal <= 0] = 1e-30
     free = np.ones(len(p.params), bool)
@@ -109,7 +109,7 @@ def promise(p: Problem, theta: Array, w: Windows, white: Whitener) -> float:
     """The loss at `theta` if the prediction were linear."""
     moved = p.whitened + np.tensordot((theta - p.fit.theta).astype(p.jacobian.dtype), p.jacobian, 1)
     loss = float(robust_loss(white.excess(moved)).mean())
-    return loss + prior_loss(p.params, theta, p.fit.centre, w.count)
+    return loss + prior_loss(p.params, theta, p.fit.centre, w.count, moved.shape[-1])
 
 
 def beyond(p: Problem, theta: Array, ctx: Context) -> list[Array]:

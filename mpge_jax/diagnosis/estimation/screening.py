@@ -124,7 +124,7 @@ def _quick_fits(
     for (i, theta), r in zip(trials, outcome, strict=True):
         p = problems[i][1]
         x = white.excess(r)
-        loss = float(robust_loss(x).mean()) + prior_loss(p.params, theta, p.fit.centre, w.count)
+        loss = float(robust_loss(x).mean()) + prior_loss(p.params, theta, p.fit.centre, *r.shape)
         if loss < p.fit.loss:
             p.fit = replace(p.fit, theta=theta, loss=loss, x=x)
     best: dict[Term, Fitted] = {}

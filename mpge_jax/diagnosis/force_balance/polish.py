@@ -46,11 +46,11 @@ def polished(b: Balance, parts: dict[Term, Array], known: dict[Term, Array] | No
         normal = Normal.of(columns, b.measured - here, b.block, b.fold, prior, low - theta, high - theta)
         weighted = normal.weighted(np.where(normal.rows.sum(0) > 0, 1.0 / variance, 0.0))
         step = weighted.solve(range(len(theta)), prior * (centre - theta))
-        before = _loss(b.measured - here, variance) + prior_loss(params, theta, centre, 1)
+        before = _loss(b.measured - here, variance) + prior_loss(params, theta, centre, 1, 1)
         for share in SHORTER:
             trial = np.clip(theta + share * step, low, high)
             there = predicted(trial)
-            after = _loss(b.measured - there, variance) + prior_loss(params, trial, centre, 1)
+            after = _loss(b.measured - there, variance) + prior_loss(params, trial, centre, 1, 1)
             if after < before:
                 break
         else:

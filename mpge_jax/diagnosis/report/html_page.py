@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.report.html_sections import (
     close,
     given,
     image,
+    inertias,
     logs,
     pasted,
     predicted,
@@ -199,7 +200,8 @@ def page(
 <p class="quiet">Root-mean-square error of {predicted(d, table)}, over {len(held["recordings"])} held-out
 {"recording" if len(held["recordings"]) == 1 else "recordings"}; {escape(noise)}.</p>
 {table_of(columns, joints)}</div></div>
-{_effects(table)}{_ambiguous(table, experiment)}{_unexplained(d)}{residual(d, figures)}{whole(d, figures)}{_drives(d)}
+{_effects(table)}{inertias(table["given_inertias"])}{_ambiguous(table, experiment)}{_unexplained(d)}
+{residual(d, figures)}{whole(d, figures)}{_drives(d)}
 {pasted(*models)}{_not_native(effects)}
 <h2>Closer</h2><p class="quiet">{close(d)}</p>
 {image(figures["prediction"], "held-out motion, predicted before and after")}

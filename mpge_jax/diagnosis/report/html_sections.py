@@ -127,6 +127,26 @@ def residual(d: Result, figures: dict[str, Path]) -> str:
     )
 
 
+def inertias(factors: list[dict[str, Any]] | None) -> str:
+    """The given masses and inertias, where they are off: `given_inertias` of `diagnosis.json`."""
+    if factors is None:
+        return ""
+    rows = [
+        [
+            escape(body["at"]),
+            *(
+                f"{f['value']:.3g} ({f['low']:.3g} to {f['high']:.3g})"
+                for f in (body["mass"], body["inertia"])
+            ),
+        ]
+        for body in factors
+    ]
+    return (
+        "<h2>Masses and inertias as given</h2><p>Nobody knows them exactly, so that this is no missing physics. Better "
+        "than as given, with 95 % intervals:</p>" + table(["body", "mass, times", "inertia, times"], rows)
+    )
+
+
 def close(d: Result) -> str:
     """What the figure of short stretches shows."""
     if isinstance(d.held, ForceErrors):

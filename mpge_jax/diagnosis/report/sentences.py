@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.effects.context import default_places
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.residual import INPUTS
 from mpge_jax.diagnosis.estimation.estimate import Fitted
@@ -71,6 +72,23 @@ def _of_effects(d: Result) -> Iterator[tuple[float, str]]:
             yield _share(d, alike[term]), _said_together(d, alike[term])
 
 
+def _of_inertias(d: Result) -> list[str]:
+    """What is said of the given masses and inertias where they are off, with the one that is off most."""
+    term = d.given_inertias
+    if term is None:
+        return []
+    bodies = default_places(d.ctx, "body")
+    factors = [
+        (abs(value - 1.0), f"{value:.3g} times the {what} of {body.name}")
+        for what, f in parameters(d.ctx, d.fit, term).items()
+        for body, value in zip(bodies, f["value"], strict=True)
+    ]
+    return [
+        "The given masses and inertias are not exact, which is usual and no missing physics; corrected.xml has better "
+        f"ones (what changes most: {max(factors)[1]})."
+    ]
+
+
 def _share(d: Result, terms: list[Term]) -> float:
     """The largest share of the error that goes with one of some effects; 0 where none is known."""
     return max(np.nan_to_num(d.error_drop[t]) for t in terms)
@@ -80,6 +98,7 @@ def explanation(d: Result) -> str:
     """What a technician needs to know, in a few sentences; what takes most of the error away comes first."""
 
     parts = [text for _, text in sorted(_of_effects(d), key=lambda x: -x[0])]
+    parts += _of_inertias(d)
     if d.actuators is not None:
         parts += d.actuators.sentences
     if d.unexplained is not None:
@@ -96,7 +115,7 @@ def explanation(d: Result) -> str:
         parts.append(
             "Nothing is missing: the model predicts the recordings as well as their noise and its timestep allow."
         )
-    if d.terms or (d.actuators is not None and d.actuators.fits):
+    if d.fit.hypothesis.terms or (d.actuators is not None and d.actuators.fits):
         parts.append(_gain(d))
     if d.remainder > 0:
         parts.append(
@@ -228,7 +247,7 @@ def unit_of_joint(d: Result, name: str) -> str:
 def _differing(d: Result, f: Fitted, term: Term) -> Term:
     if term in f.hypothesis.terms:
         return term
-    return next(t for t in f.hypothesis.terms if t not in d.terms)
+    return next(t for t in f.hypothesis.named if t not in d.terms)
 
 
 def separation(d: Result, term: Term, fits: list[Fitted]) -> str:

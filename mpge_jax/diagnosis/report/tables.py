@@ -11,6 +11,7 @@ import numpy as np
 
 from mpge_jax.diagnosis import own_effects
 from mpge_jax.diagnosis.corrected.mjcf import NOMINAL, corrected_spec
+from mpge_jax.diagnosis.effects.context import default_places
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number, parameters
@@ -29,7 +30,7 @@ def _effect(d: Result, f: Fitted, term: Term) -> dict[str, Any]:
 
 
 def _set(d: Result, f: Fitted) -> list[dict[str, Any]]:
-    return [_effect(d, f, t) for t in f.hypothesis.terms]
+    return [_effect(d, f, t) for t in f.hypothesis.named]
 
 
 def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -> dict[str, Any]:
@@ -70,6 +71,7 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
         if d.unexplained is None
         else {k: x for k, x in d.unexplained.items() if k != "of"},
         "residual": None if d.residual is None else _residual(d.residual),
+        "given_inertias": _given_inertias(d),
         "location": [{"at": a, "kind": k, "excess": number(e)} for a, k, e in locate(d)],
         "fit": {
             "unit": error_unit(d),
@@ -82,6 +84,19 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
         "seed": d.config.seed,
         "versions": _versions(),
     }
+
+
+def _given_inertias(d: Result) -> list[dict[str, Any]] | None:
+    """By how much every given mass and inertia is off: factors with intervals, body by body."""
+    term = d.given_inertias
+    if term is None:
+        return None
+    factors = parameters(d.ctx, d.fit, term)
+    return [
+        {"at": body.name}
+        | {what: {k: f[k][i] for k in ("value", "low", "high")} for what, f in factors.items()}
+        for i, body in enumerate(default_places(d.ctx, "body"))
+    ]
 
 
 def _residual(r: ResidualModel) -> dict[str, Any]:
@@ -173,8 +188,8 @@ def effects_table(d: Result) -> dict[str, Any]:
 
     _, native = corrected_spec(d)
     rows = []
-    for term in d.terms:
-        part = d.fit.hypothesis.slices(d.ctx)[d.terms.index(term)]
+    h = d.fit.hypothesis
+    for term, part in zip(h.terms, h.slices(d.ctx), strict=True):
         values = term.effect.report(d.ctx, term.place, d.fit.theta[part])
         rows.append(
             {

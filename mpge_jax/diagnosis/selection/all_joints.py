@@ -54,7 +54,7 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     # each by itself may be weak; what nobody knows leaks into all joints, and little of it goes away by that
     now, then = (usual_excess(float(r.losses.mean())) for r in (chosen, before))
     better = now < REMAINS * then
-    fits_in = len(chosen.fit.hypothesis.terms) <= s.max_terms
+    fits_in = len(chosen.fit.hypothesis.named) <= s.max_terms
     return chosen.fit if better and fits_in and needed(chosen, before) else current
 
 

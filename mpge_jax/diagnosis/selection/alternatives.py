@@ -56,14 +56,14 @@ def find_rivals(
     terms = best.fit.hypothesis.terms
     many = s.brief(best.fit.hypothesis)
     keep = KEEP_OF_MANY if many else keep
-    for term in terms:
+    for term in best.fit.hypothesis.named:
         s.say(f"weighing alternatives to {term}")
         base_h = best.fit.hypothesis.without(term)
         parts = best.fit.hypothesis.split(ctx, best.fit.theta)
         base = Fitted(base_h, base_h.gather(ctx, parts), base_h.gather(ctx, parts))
         sample = s.sample(base, whites[0])
         # Screened anew: the search drops what looks like a better one of its group, as a rival does.
-        candidates = [t for t in s.terms if not _same(t, term) and compatible(base_h, t)]
+        candidates = [t for t in s.terms if t.effect.named and not _same(t, term) and compatible(base_h, t)]
         if many:
             here = _joints(ctx, term.place)
             candidates = [t for t in candidates if here & _joints(ctx, t.place) or same(ctx, term, t)]

@@ -9,6 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.drive import Drive
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.covariance import widened
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit, gauss_newton_shift, timing_error
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
@@ -90,7 +91,7 @@ def refined(s: Search, f: Fitted, w: Windows) -> Fitted:
     less = np.maximum(np.diag(shorter.cov) - np.diag(longer.cov), 0.0)
     bias = np.sqrt(np.maximum((longer.theta - f.theta) ** 2 - less, 0.0)) / 3.0
     longer = with_timestep_error(s, longer, w)
-    return replace(longer, cov=_widened(longer.cov, bias))
+    return replace(longer, cov=widened(longer.cov, bias))
 
 
 def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
@@ -111,11 +112,4 @@ def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
             if what != INTEGRATOR:
                 moved = white(residual + change)
                 shift = np.hypot(shift, gauss_newton_shift(s.sim, f, w, white, moved))
-    return replace(f, cov=_widened(f.cov, shift))
-
-
-def _widened(cov: Array, error: Array) -> Array:
-    """A covariance [p, p] whose deviations hold further errors [p] too, with its correlations."""
-    deviation = np.sqrt(np.maximum(np.diag(cov), 0.0))
-    widths = np.where(deviation > 0, np.hypot(deviation, error) / np.maximum(deviation, 1e-300), 1.0)
-    return cov * widths[:, None] * widths[None, :]
+    return replace(f, cov=widened(f.cov, shift))

@@ -23,7 +23,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         s.keep(Reached(current, tuple(last)))
 
     began, rounds = time.monotonic(), 0
-    while s.terms and len(current.hypothesis.terms) < s.max_terms:
+    while s.terms and len(current.hypothesis.named) < s.max_terms:
         depth = len(current.hypothesis.terms)
         s.say(f"looking for effect {depth + 1}{_time_left(began, rounds)}")
         rounds += 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.evolution_strategy import polished
+from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inertias
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, left_out
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
@@ -51,7 +52,7 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
             noise, left = _left(p, s, f)
     f, _, gone = confirmed(p, s, f, "choice")
     if gone:
-        p.warnings.append(left_out(gone))
+        p.warnings += left_out(gone)
         rivals = {t: r for t, r in rivals.items() if t in f.hypothesis.terms}
         noise, left = _left(p, s, f)
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
@@ -64,11 +65,19 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
 def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport]:
     """What was found, without what the test recordings are predicted no better with; and the errors there."""
     f, report, gone = confirmed(p, s, found.fit, "test")
-    if not gone:
-        return found, report
-    p.warnings.append(left_out(gone))
-    rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
-    return Decision(f, rivals, *_left(p, s, f)), report
+    if gone:
+        p.warnings += left_out(gone)
+        rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
+        found = Decision(f, rivals, *_left(p, s, f))
+    return replace(found, fit=_with_what_masses_leave_open(p, s, found)), report
+
+
+def _with_what_masses_leave_open(p: Prepared, s: Search, found: Decision) -> Fitted:
+    """The fit with intervals that hold this too, told by the windows by which its parameters were."""
+    if s.sim.rugged(found.fit.hypothesis):
+        return found.fit
+    w = s.train if found.left is not None else p.all_to_train().windows("train", p.config.report_s, REFINED)
+    return beside_inexact_inertias(s.sim, found.fit, w, s.whiten_one(found.fit, w), p.config.masses_within)
 
 
 def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, Remainder | None]:

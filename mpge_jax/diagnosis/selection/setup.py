@@ -10,6 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.candidates import all_terms
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.effects.inertia import given_inertias
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.estimation.whitening import whitener
 from mpge_jax.diagnosis.evidence.null_distribution import floor, force_noise
@@ -35,6 +36,8 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
     terms = [t for t in all_terms(p.ctx, c.effects, sides) if t.effect.simulated]
     terms = [t for t in terms if not (t.effect.side == "actuator" and p.measured[t.place.index])]
     terms = [t for t in terms if _visible(p, t, train)]
+    if c.masses_within:
+        terms.append(given_inertias(c.masses_within))
     limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
     shaken = force_noise(p)
     calibrated = partial(floor, p, shaken=shaken) if shaken.any() or p.ctx.contacts else None

@@ -40,8 +40,7 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     test = Balance.recorded(p, p.test, ROWS, resolution)
     fit, needless = _confirmed(found.search.bank, found.fit, test)
     held = errors_of(p, p.test, test, fit)
-    if needless:
-        p.warnings.append(left_out(needless))
+    p.warnings += left_out(needless)
     train = force_errors(p, p.looked_at, resolution, fit)
     rivals = {t: _rivals(found, fit, t) for t in fit.hypothesis.terms}
     real, share = _left(held)

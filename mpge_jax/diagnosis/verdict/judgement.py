@@ -161,7 +161,8 @@ def judge(
     elif any(r.tied for rivals in found.rivals.values() for r in rivals):
         verdict = "ambiguous"
     else:
-        verdict = "effects" if corrected else "none"
+        named = found.fit.hypothesis.named or (drives is not None and drives.fits)
+        verdict = "effects" if named else "none"
     location, warnings = by_joint(p, s), list(dict.fromkeys(p.warnings))
     return Result(
         verdict,

@@ -83,7 +83,7 @@ def _base(p: Prepared) -> dict[str, float]:
 
 def _named(d: Result) -> list[Term]:
     """Terms that were found, then those that the recordings cannot tell from them."""
-    tied = [t for fits in candidates_of(d).values() for f in fits for t in f.hypothesis.terms]
+    tied = [t for fits in candidates_of(d).values() for f in fits for t in f.hypothesis.named]
     return list(dict.fromkeys([*d.terms, *tied]))
 
 

@@ -58,7 +58,13 @@ class Result:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        return self.fit.hypothesis.terms
+        """The effects that are named."""
+        return self.fit.hypothesis.named
+
+    @property
+    def given_inertias(self) -> Term | None:
+        """The term that corrects the given masses and inertias, if one was found."""
+        return next((t for t in self.fit.hypothesis.terms if not t.effect.named), None)
 
 
 def candidates_of(d: Result) -> dict[Term, list[Fitted]]:

@@ -36,7 +36,7 @@ VALUES = {
     "load_dependent_friction:gear": [0.02, 0.1], "viscous_damping:explicit": [0.08], "actuator_bias:reclipped": [0.2],
     "actuator_gain:limited": [1.6], "actuator_bias:limited": [0.2], "actuator_deadzone:limited": [0.1],
     "contact_stiffness": [0.05], "encoder_offset": [0.04], "sensor_delay": [0.005],
-    "coulomb_friction:behind_gap": [0.05, 0.01, 0.004],
+    "coulomb_friction:behind_gap": [0.05, 0.01, 0.004], "given_inertias:0.03": [1.06, 0.95],
 }  # fmt: skip
 # Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
 # takes polynomial damping implicitly, and contact solvers start from another guess.
@@ -45,7 +45,7 @@ EXPORTED = {
     "contact_stiffness": 1e-4, "viscous_damping:explicit": 1e-2,
 }  # fmt: skip
 EVERY = tuple(VALUES)
-"""The vocabulary and the second forms of some of its effects."""
+"""The vocabulary, the second forms of some of its effects, and what corrects the given model."""
 CONTACT = ("contact_friction", "contact_stiffness")
 
 
@@ -72,7 +72,7 @@ def command(k: int) -> np.ndarray:
 
 def test_the_vocabulary_is_complete():
     assert set(VOCABULARY) <= set(REGISTRY) and len(VOCABULARY) == 28
-    assert set(VALUES) == set(REGISTRY)
+    assert set(VALUES) == {*REGISTRY, "given_inertias:0.03"}
 
 
 @pytest.mark.parametrize("effect_id", EVERY)

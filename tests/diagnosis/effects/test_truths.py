@@ -322,9 +322,19 @@ GRAVITY_FREE = f"""<mujoco><worldbody><body name="arm" gravcomp="1"><joint name=
 </worldbody><actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
 
 
-def test_compensated_gravity_is_that_of_the_known_masses():
-    machine, exported, _ = _exported(GRAVITY_FREE, entry("mass_scale", "world", "world", factor=1.5))
-    moment = 0.5 * (0.5 * 0.15 + 0.1 * 0.3)
+@pytest.mark.parametrize(
+    ("heavier", "moment"),
+    [
+        (entry("mass_scale", "world", "world", factor=1.5), 0.5 * (0.5 * 0.15 + 0.1 * 0.3)),
+        (
+            {"form": "given_inertias:0.03"}
+            | entry("given_inertias", "world", "world", mass=[1.06, 0.97], inertia=[1.0, 1.0]),
+            0.06 * 0.5 * 0.15 - 0.03 * 0.1 * 0.3,
+        ),
+    ],
+)
+def test_compensated_gravity_is_that_of_the_known_masses(heavier, moment):
+    machine, exported, _ = _exported(GRAVITY_FREE, heavier)
     for m in (machine, exported):
         data = mujoco.MjData(m)
         data.qpos[:] = 0.5

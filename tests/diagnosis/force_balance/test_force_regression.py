@@ -122,7 +122,7 @@ def test_the_prior_holds_a_parameter_at_its_start_and_not_at_where_the_last_step
     width = 1.0 / np.sqrt(free.information[0, 0])
     monkeypatch.setattr(polish, "prior_widths", lambda params: np.full(len(params), width))
     monkeypatch.setattr(
-        polish, "prior_loss", lambda params, x, centre, _: float((((x - centre) / width) ** 2).sum())
+        polish, "prior_loss", lambda params, x, centre, *_: float((((x - centre) / width) ** 2).sum())
     )
     held = polished(b, {term: np.array([start])})
     np.testing.assert_allclose(held.theta, 0.5 * (start + free.theta), rtol=0.05)

@@ -159,7 +159,7 @@ def test_candidates_are_told_in_one_sentence():
     errors = SimpleNamespace(rms=0.1)
     d = SimpleNamespace(
         terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None,
-        remainder=0.0, residual=None, error_drop={friction: 0.9, payload: 0.5},
+        remainder=0.0, residual=None, given_inertias=None, error_drop={friction: 0.9, payload: 0.5},
         prepared=SimpleNamespace(
             model=ctx.model, measured=np.zeros(1, bool), train=()
         ),

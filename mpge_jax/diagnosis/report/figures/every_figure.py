@@ -49,7 +49,7 @@ def marks(d: Result) -> list[Mark]:
 
     out = [mark(term) for term in d.terms]
     for fits in candidates_of(d).values():
-        out += [mark(t, "or ") for f in fits for t in f.hypothesis.terms if t not in d.terms]
+        out += [mark(t, "or ") for f in fits for t in f.hypothesis.named if t not in d.terms]
     if d.actuators is not None:
         out += [mark(term) for f in d.actuators.fits for term in f.hypothesis.terms]
     if d.unexplained is not None:

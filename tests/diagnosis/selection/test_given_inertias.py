@@ -1,0 +1,79 @@
+"""Masses and inertias near the given ones: corrected, told, and not taken for missing physics."""
+
+import json
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis import Config, diagnose
+from tests.diagnosis.machines import ARM, record
+
+LIKE_A_MASS = Config(
+    effects=(
+        "coulomb_friction",
+        "viscous_damping",
+        "armature",
+        "payload_mass",
+        "mass_scale",
+        "com_offset",
+        "actuator_gain",
+    ),
+    jobs=1,
+    quiet=True,
+)
+"""Effects that pass for a mass or stand beside one; the rest of the vocabulary only takes time."""
+TRUE = {"upper": (1.05, 0.96), "fore": (0.95, 1.04)}
+
+
+def _off(model: mujoco.MjModel) -> None:
+    for name, (mass, inertia) in TRUE.items():
+        model.body_mass[model.body(name).id] *= mass
+        model.body_inertia[model.body(name).id] *= inertia
+
+
+def _rubbing(model: mujoco.MjModel) -> None:
+    _off(model)
+    model.dof_frictionloss[0] = 0.15
+    model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+
+@pytest.fixture(scope="module")
+def off():
+    return record(ARM, [2.0, 1.0], change=_off)
+
+
+def test_inexact_masses_alone_are_no_missing_physics(off, tmp_path):
+    d = diagnose(mujoco.MjSpec.from_string(ARM), off, LIKE_A_MASS)
+    assert d.verdict == "none" and not d.terms
+    d.write(tmp_path)
+    table = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert table["effects"] == [] and [b["at"] for b in table["given_inertias"]] == list(TRUE)
+    for body, (mass, _) in zip(table["given_inertias"], TRUE.values(), strict=True):
+        assert abs(body["mass"]["value"] - mass) < 0.01 and body["mass"]["high"] - body["mass"]["low"] < 0.04
+    assert "<h2>Masses and inertias as given</h2>" in (tmp_path / "report.html").read_text()
+    assert "not exact" in table["explanation"] and "Nothing is missing" not in table["explanation"]
+    held = table["fit"]["held_out"]
+    assert held["after"] < 0.2 * held["before"]
+    corrected = mujoco.MjModel.from_xml_path(str(tmp_path / "corrected.xml"))
+    given = mujoco.MjModel.from_xml_string(ARM)
+    factors = corrected.body_mass[1:] / given.body_mass[1:]
+    np.testing.assert_allclose(factors, [b["mass"]["value"] for b in table["given_inertias"]], rtol=1e-6)
+
+
+def test_physics_is_named_beside_inexact_masses():
+    recordings = record(ARM, [2.0, 1.0], change=_rubbing)
+    d = diagnose(mujoco.MjSpec.from_string(ARM), recordings, LIKE_A_MASS)
+    assert d.verdict == "effects" and [str(t) for t in d.terms] == ["coulomb_friction@shoulder"]
+    assert d.given_inertias is not None
+    (effect,) = d.to_json()["effects"]
+    (found,) = effect["parameters"].values()
+    assert abs(found["value"] - 0.15) < 0.006
+
+
+def test_masses_that_are_exact_are_left_alone(off):
+    d = diagnose(mujoco.MjSpec.from_string(ARM), off, replace(LIKE_A_MASS, masses_within=0.0))
+    assert d.given_inertias is None and d.verdict != "none"
+    with pytest.raises(ValueError, match="masses_within must lie between 0 and"):
+        Config(masses_within=0.4)
