@@ -88,6 +88,8 @@ class Score:
     """Runs of some of these cases once more, by themselves on the machine: their times count."""
     told: Path | None = None
     """What the rivals found that were told the answer."""
+    kept: Path | None = None
+    """A score.json of other cases of this set, whose runs are no more: their marks count."""
     page: Path | None = None
     """A Markdown page that shows the score between two marks, such as docs/diagnosis.md."""
 
@@ -113,7 +115,9 @@ def main(args: list[str] | None = None) -> int:
     def work() -> int:
         command = tyro.cli(Command, args=args, description=__doc__)
         if isinstance(command, Score):
-            text = write_score(command.answers, command.runs, command.out, command.alone, command.told)
+            text = write_score(
+                command.answers, command.runs, command.out, command.alone, command.told, command.kept
+            )
             if command.page is not None:
                 put_into(command.page, text)
             print(text)

@@ -212,6 +212,33 @@ def test_times_may_come_from_runs_alone_that_answer_alike(tmp_path):
         load_marks(answers, runs, alone)
 
 
+def test_marks_of_cases_whose_runs_are_gone_count_on(tmp_path):
+    answers, runs = (tmp_path / name for name in ("answers", "runs"))
+    answers.mkdir()
+    plan = answers / "plan.json"
+    plan.write_text(json.dumps({"seed": 101, "repeats": 1}))
+    for k, said in enumerate((NAMED, VISCOUS, NAMED)):
+        name = f"case_{k:03d}"
+        (answers / f"{name}.json").write_text(json.dumps(hidden(FRICTION) | {"case": name}))
+        (runs / name / "report").mkdir(parents=True)
+        (runs / name / "run.json").write_text(json.dumps({"status": 0, "seconds": 10.0 + k, "stderr": ""}))
+        (runs / name / "report" / "diagnosis.json").write_text(json.dumps(report(said)))
+        (runs / name / "judged.json").write_text(json.dumps([2.0, 1.0 + k]))
+    whole = load_marks(answers, runs)
+    assert whole[1].wrong and whole[0].parameters and whole[0].judged == (2.0, 1.0)
+    for name in ("case_000", "case_002"):
+        (runs / name).rename(tmp_path / name)
+    write_score(answers, runs, tmp_path / "first")
+    kept = tmp_path / "first" / "score.json"
+    for name in ("case_000", "case_002"):
+        (tmp_path / name).rename(runs / name)
+    (runs / "case_001").rename(tmp_path / "gone")
+    assert load_marks(answers, runs, kept=kept) == whole and len(load_marks(answers, runs)) == 2
+    plan.write_text(json.dumps({"seed": 102, "repeats": 1}))
+    with pytest.raises(ValueError, match="another seed or other counts"):
+        load_marks(answers, runs, kept=kept)
+
+
 def test_a_score_takes_its_place_on_a_page(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"# Page\n\n{BEGIN}\nold\n{END}\n\n## After\n")

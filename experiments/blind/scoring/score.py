@@ -9,27 +9,34 @@ from pathlib import Path
 
 from experiments.blind.scoring.figures import by_effect, by_size, concealment, shares, summary
 from experiments.blind.scoring.marks import Mark, judge
+from experiments.blind.scoring.parameters import Compared
 
 REPLAY = "mpge_jax.diagnosis.corrected.replay"
 REPORTING = 100  # seeds below are for building and tuning
 BEGIN, END = "<!-- begin of blind score -->", "<!-- end of blind score -->"
 
 
-def load_marks(answers: Path, runs: Path, alone: Path | None = None, told: Path | None = None) -> list[Mark]:
+def load_marks(
+    answers: Path, runs: Path, alone: Path | None = None, told: Path | None = None, kept: Path | None = None
+) -> list[Mark]:
     """Mark every answered case that was run.
 
     Args:
         alone: the same runs of some of the cases once more, by themselves on the machine: their times count.
         told: what rivals found that were told the answer (`experiments.blind.told`).
+        kept: score.json of other cases of these answers, whose runs are no more: their marks count.
 
     Raises:
-        FileNotFoundError: there is no run. ValueError: a run in `alone` answered otherwise.
+        FileNotFoundError: there is no run. ValueError: a run in `alone` answered otherwise, or the marks in `kept` are
+        of other answers.
     """
-    marks = []
+    marks, earlier = [], {} if kept is None else _kept(kept, answers)
     for path in sorted(answers.glob("case_*.json")):
         answer = json.loads(path.read_text())
         note = runs / answer["case"] / "run.json"
         if not note.exists():
+            if answer["case"] in earlier:
+                marks.append(earlier[answer["case"]])
             continue
         run = json.loads(note.read_text())
         report = read_report(runs / answer["case"] / "report", run["status"])
@@ -53,6 +60,26 @@ def load_marks(answers: Path, runs: Path, alone: Path | None = None, told: Path 
     return marks
 
 
+def _kept(file: Path, answers: Path) -> dict[str, Mark]:
+    """The marks in a score.json, by case."""
+    table = json.loads(file.read_text())
+    if table["plan"] != _plan(answers):
+        raise ValueError(f"{file} holds marks of another seed or other counts than the answers in {answers}.")
+    marks = {}
+    for row in table["cases"]:
+        parameters = [Compared(**p | {"contained": tuple(p["contained"])}) for p in row["parameters"]]
+        pairs = {name: [tuple(named) for named in row[name]] for name in ("truth", "wrong")}
+        judged = None if row["judged"] is None else tuple(row["judged"])
+        marks[row["case"]] = Mark(**row | pairs | {"parameters": parameters, "judged": judged})
+    return marks
+
+
+def _plan(answers: Path) -> dict:
+    """The seed and the counts of a set of answers."""
+    file = answers / "plan.json"
+    return dict(json.loads(file.read_text())) if file.exists() else {}
+
+
 def read_report(folder: Path, status: int | None) -> dict | None:
     """The diagnosis.json of a run that ended with `status`; None where that failed or left none."""
     path = folder / "diagnosis.json"
@@ -66,18 +93,21 @@ def read_report(folder: Path, status: int | None) -> dict | None:
 
 
 def write_score(
-    answers: Path, runs: Path, out: Path, alone: Path | None = None, told: Path | None = None
+    answers: Path,
+    runs: Path,
+    out: Path,
+    alone: Path | None = None,
+    told: Path | None = None,
+    kept: Path | None = None,
 ) -> str:
     """Mark all cases (`load_marks`), write OUT/score.json and OUT/score.md, and return the Markdown."""
     # a process of its own: nothing here shares code with the engine that is put to the test
     for folder in (runs, told):
         if folder is not None:
             subprocess.run([sys.executable, "-m", REPLAY, str(folder), str(answers)], check=True)
-    marks = load_marks(answers, runs, alone, told)
-    plan_file = answers / "plan.json"
-    plan = json.loads(plan_file.read_text()) if plan_file.exists() else {}
+    marks = load_marks(answers, runs, alone, told, kept)
     tables = {
-        "plan": plan,
+        "plan": _plan(answers),
         "answered": len(list(answers.glob("case_*.json"))),
         "alone": sum((alone / m.case / "run.json").exists() for m in marks) if alone else 0,
         "summary": summary(marks),
