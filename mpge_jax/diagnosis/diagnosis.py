@@ -15,7 +15,7 @@ class Diagnosis(Result):
 
     def __repr__(self) -> str:
         fits = [self.fit] if self.actuators is None else [self.fit, *self.actuators.fits]
-        named = [str(term) for f in fits for term in f.hypothesis.terms]
+        named = [str(term) for f in fits for term in f.hypothesis.named]
         said = f"warnings={len(self.warnings)}, seconds={self.seconds:.0f}"
         return f"Diagnosis({self.verdict!r}, effects={named}, {said})"
 

@@ -90,8 +90,9 @@ def family(term: Term) -> tuple[str, Place]:
 
 def hopeful(fits: list[Fitted], before: float) -> list[Fitted]:
     """Fits that take away at least half as much of the loss `before` them as the best does, the best few families, and
-    the plain forms of elaborate frictions among them; best first."""
+    the plain forms of elaborate frictions among them; best first. What adds no physics takes no family's place."""
     ranked = sorted(fits, key=lambda f: f.loss)
+    common = set.intersection(*(set(f.hypothesis.terms) for f in ranked)) if ranked else set()
     limit = before - HALF_AS_GOOD * (before - ranked[0].loss) if ranked else before
     kept: list[Fitted] = []
     families: set[frozenset[tuple[str, Place]]] = set()
@@ -99,7 +100,8 @@ def hopeful(fits: list[Fitted], before: float) -> list[Fitted]:
         kind = frozenset(map(family, f.hypothesis.terms))
         if f.loss < limit or (kind not in families and len(families) < FAMILIES):
             kept.append(f)
-            families.add(kind)
+            if set(f.hypothesis.named) - common:
+                families.add(kind)
     rest = [f for f in ranked if all(f is not k for k in kept)]
     return sorted(with_simpler([*kept, *rest], len(kept)), key=lambda f: f.loss)
 

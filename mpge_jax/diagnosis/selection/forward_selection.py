@@ -47,9 +47,11 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
 
 def _chosen(s: Search, ranked: list[Scored], base: Scored) -> Scored | None:
     """The candidate of a round that is accepted, if there is one. One that is beyond doubt does not wait for a better
-    one that is not: where windows scatter widely, what moves most of them may still be doubtful."""
+    one that is not: where windows scatter widely, what moves most of them may still be doubtful. But what is no physics
+    does not stand for physics that explains more."""
     without = base.fit.hypothesis
-    accepted = [r for r in ranked if accept(s, r, base)]
+    named = [r for r in ranked if r.fit.hypothesis.named != without.named]
+    accepted = [r for r in ranked if (r in named or r is ranked[0]) and accept(s, r, base)]
     chosen = choose(s, accepted or ranked, without)
     s.log.append(
         f"round {len(without.terms) + 1}: base {base.losses.mean():.3f}; "

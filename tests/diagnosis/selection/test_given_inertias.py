@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
+from mpge_jax.diagnosis.effects.inertia import given_inertias
+from mpge_jax.diagnosis.evidence.scored import Scored, hopeful
+from mpge_jax.diagnosis.selection import forward_selection
 from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.searches import ARMATURE, COULOMB, GAIN, STRIBECK, fitted
 
 LIKE_A_MASS = Config(
     effects=(
@@ -37,6 +41,38 @@ def _rubbing(model: mujoco.MjModel) -> None:
     _off(model)
     model.dof_frictionloss[0] = 0.15
     model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+
+def _scored(s, loss: float, *terms) -> Scored:
+    return Scored(
+        fitted(s, {t: np.ones(len(t.params(s.sim.ctx))) for t in terms}),
+        np.full(4, loss),
+        np.full(4, loss),
+        1,
+        1,
+    )
+
+
+def test_masses_do_not_stand_for_physics_that_explains_more(null, monkeypatch):
+    s, _ = null
+    base, given = _scored(s, 3.0), _scored(s, 2.0, given_inertias(0.03))
+    monkeypatch.setattr(forward_selection, "accept", lambda _s, new, _old: new is given)
+    better, worse = _scored(s, 1.0, COULOMB), _scored(s, 2.5, COULOMB)
+    assert forward_selection._chosen(s, [better, given], base) is None
+    assert forward_selection._chosen(s, [given, worse], base) is given
+
+
+def test_masses_take_no_candidates_place(null):
+    s, _ = null
+    terms = [COULOMB, given_inertias(0.03), GAIN, STRIBECK, ARMATURE]
+    fits = [
+        replace(fitted(s, {t: np.ones(len(t.params(s.sim.ctx)))}), loss=2.9 + 0.01 * k)
+        for k, t in enumerate(terms)
+    ]
+    fits[0] = replace(fits[0], loss=1.0)
+    kept = [f.hypothesis.terms[0] for f in hopeful(fits, before=3.0)]
+    # armature is the third family beside friction, whose laws are one
+    assert kept == [COULOMB, given_inertias(0.03), GAIN, ARMATURE]
 
 
 @pytest.fixture(scope="module")

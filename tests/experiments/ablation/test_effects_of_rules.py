@@ -11,7 +11,8 @@ from experiments.ablation.compared import Effect, acted, cases_of, effect, place
 from experiments.ablation.one import ALL
 from experiments.ablation.table import verdict
 from experiments.atlas.machines import MACHINES, Machine
-from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.effects.context import Place
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.evidence import scored
 
 FRICTION, DAMPING, GAIN = (
@@ -131,8 +132,10 @@ def test_rules_are_watched_on_public_machines(tmp_path: Path, monkeypatch: pytes
 
     def diagnosed(machine: Machine, recordings: Path, jobs: int) -> None:
         seen.append(machine.key)
-        # a rule acts: one of two fits that tie is dropped
-        few = [SimpleNamespace(loss=x, hypothesis=Hypothesis()) for x in (1.0, 9.0, 9.1, 9.2)]
+        # a rule acts: of four hopeless families one is dropped
+        terms = [Term("armature", Place("joint", f"joint_{k}", k)) for k in range(4)]
+        few = [SimpleNamespace(loss=9.0 + 0.1 * k, hypothesis=Hypothesis.of(t)) for k, t in enumerate(terms)]
+        few[0].loss = 1.0
         scored.hopeful(few, 10.0)  # type: ignore[arg-type]
 
     monkeypatch.setattr(command, "diagnosed", diagnosed)
