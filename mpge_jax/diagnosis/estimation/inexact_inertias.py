@@ -31,7 +31,7 @@ def beside_inexact_inertias(sim: Simulator, f: Fitted, w: Windows, white: Whiten
     start = Fitted(h, h.gather(ctx, parts | null), h.gather(ctx, f.hypothesis.split(ctx, f.centre) | null))
     alone = fit(sim, [f], w, white, iterations=ITERATIONS)[0]
     free = fit(sim, [start], w, white, iterations=ITERATIONS)[0]
-    own = np.delete(np.arange(h.gather(ctx, parts | null).size), h.slices(ctx)[h.terms.index(given)])
+    own = np.delete(np.arange(start.theta.size), h.slices(ctx)[h.terms.index(given)])
     more = np.maximum(np.diag(free.cov)[own] - np.diag(alone.cov), 0.0)
     moved = free.theta[own] - alone.theta
     return replace(f, cov=widened(f.cov, np.sqrt(np.maximum(more, moved**2))))

@@ -50,8 +50,8 @@ def _chosen(s: Search, ranked: list[Scored], base: Scored) -> Scored | None:
     one that is not: where windows scatter widely, what moves most of them may still be doubtful. But what is no physics
     does not stand for physics that explains more."""
     without = base.fit.hypothesis
-    named = [r for r in ranked if r.fit.hypothesis.named != without.named]
-    accepted = [r for r in ranked if (r in named or r is ranked[0]) and accept(s, r, base)]
+    able = [r for r in ranked if r is ranked[0] or r.fit.hypothesis.named != without.named]
+    accepted = [r for r in able if accept(s, r, base)]
     chosen = choose(s, accepted or ranked, without)
     s.log.append(
         f"round {len(without.terms) + 1}: base {base.losses.mean():.3f}; "
