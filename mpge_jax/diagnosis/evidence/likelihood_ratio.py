@@ -35,11 +35,10 @@ def by_scatter(gain: Array) -> float:
 
     The log likelihood ratio of two hypotheses, of which one is true, has twice its mean as its variance. So it is twice
     the square of the deviations by which the mean of independent windows exceeds zero; where few windows decide, it is
-    little. Where one that something else spoils leaves the mean in doubt, ranks say for which of the two it is.
+    little.
     """
     sign = float(np.sign(gain.sum()))
-    says, denies = (2.0 * min(max(deviations(s * gain), 0.0), 1e6) ** 2 for s in (sign, -sign))
-    return -sign * denies if denies > says and not beyond_doubt(says) else sign * says
+    return sign * 2.0 * min(deviations(sign * gain), 1e6) ** 2
 
 
 def odds(ratio: float) -> str:
