@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -208,4 +209,9 @@ def given_inertias(share: float) -> Term:
     return Term(f"{GIVEN}:{share:g}", Place("world", "world", 0))
 
 
-REGISTRY.families[GIVEN] = lambda name: GivenInertias(float(name.partition(":")[2]))
+@lru_cache
+def _of_share(form: str) -> GivenInertias:
+    return GivenInertias(float(form.partition(":")[2]))
+
+
+REGISTRY.families[GIVEN] = _of_share

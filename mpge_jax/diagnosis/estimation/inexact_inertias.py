@@ -29,8 +29,7 @@ def beside_inexact_inertias(sim: Simulator, f: Fitted, w: Windows, white: Whiten
     ctx, parts = sim.ctx, f.hypothesis.split(sim.ctx, f.theta)
     h, null = f.hypothesis.with_term(given), {given: given.effect.null(ctx, given.place)}
     start = Fitted(h, h.gather(ctx, parts | null), h.gather(ctx, f.hypothesis.split(ctx, f.centre) | null))
-    alone = fit(sim, [f], w, white, iterations=ITERATIONS)[0]
-    free = fit(sim, [start], w, white, iterations=ITERATIONS)[0]
+    alone, free = fit(sim, [f, start], w, white, iterations=ITERATIONS)
     own = np.delete(np.arange(start.theta.size), h.slices(ctx)[h.terms.index(given)])
     more = np.maximum(np.diag(free.cov)[own] - np.diag(alone.cov), 0.0)
     moved = free.theta[own] - alone.theta

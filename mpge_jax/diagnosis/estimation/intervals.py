@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect
-from mpge_jax.diagnosis.effects.context import Context
+from mpge_jax.diagnosis.effects.context import Context, default_places
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 
@@ -20,6 +20,19 @@ def number(x: float) -> float | None:
 def plain(value: Any) -> Any:
     value = np.asarray(value, dtype=float)
     return number(value) if value.ndim == 0 else [number(v) for v in value]
+
+
+def inertia_factors(ctx: Context, f: Fitted) -> list[dict[str, Any]] | None:
+    """By how much every given mass and inertia is off, if a fit corrects them: factors with intervals, by body."""
+    given = next((t for t in f.hypothesis.terms if not t.effect.named), None)
+    if given is None:
+        return None
+    factors = parameters(ctx, f, given)
+    return [
+        {"at": body.name}
+        | {what: {k: x[k][i] for k in ("value", "low", "high")} for what, x in factors.items()}
+        for i, body in enumerate(default_places(ctx, "body"))
+    ]
 
 
 def parameters(ctx: Context, f: Fitted, term: Term) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.effects.context import default_places
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.residual import INPUTS
 from mpge_jax.diagnosis.estimation.estimate import Fitted
@@ -74,18 +73,16 @@ def _of_effects(d: Result) -> Iterator[tuple[float, str]]:
 
 def _of_inertias(d: Result) -> list[str]:
     """What is said of the given masses and inertias where they are off, with the one that is off most."""
-    term = d.given_inertias
-    if term is None:
-        return []
-    bodies = default_places(d.ctx, "body")
-    factors = [
-        (abs(value - 1.0), f"{value:.3g} times the {what} of {body.name}")
-        for what, f in parameters(d.ctx, d.fit, term).items()
-        for body, value in zip(bodies, f["value"], strict=True)
+    changes = [
+        (abs(body[what]["value"] - 1.0), f"{body[what]['value']:.3g} times the {what} of {body['at']}")
+        for what in ("mass", "inertia")
+        for body in d.given_inertias or []
     ]
+    if not changes:
+        return []
     return [
         "The given masses and inertias are not exact, which is usual and no missing physics; corrected.xml has better "
-        f"ones (what changes most: {max(factors)[1]})."
+        f"ones (what changes most: {max(changes)[1]})."
     ]
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from mpge_jax.diagnosis import own_effects
 from mpge_jax.diagnosis.corrected.mjcf import NOMINAL, corrected_spec
-from mpge_jax.diagnosis.effects.context import default_places
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number, parameters
@@ -71,7 +70,7 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
         if d.unexplained is None
         else {k: x for k, x in d.unexplained.items() if k != "of"},
         "residual": None if d.residual is None else _residual(d.residual),
-        "given_inertias": _given_inertias(d),
+        "given_inertias": d.given_inertias,
         "location": [{"at": a, "kind": k, "excess": number(e)} for a, k, e in locate(d)],
         "fit": {
             "unit": error_unit(d),
@@ -84,19 +83,6 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
         "seed": d.config.seed,
         "versions": _versions(),
     }
-
-
-def _given_inertias(d: Result) -> list[dict[str, Any]] | None:
-    """By how much every given mass and inertia is off: factors with intervals, body by body."""
-    term = d.given_inertias
-    if term is None:
-        return None
-    factors = parameters(d.ctx, d.fit, term)
-    return [
-        {"at": body.name}
-        | {what: {k: f[k][i] for k in ("value", "low", "high")} for what, f in factors.items()}
-        for i, body in enumerate(default_places(d.ctx, "body"))
-    ]
 
 
 def _residual(r: ResidualModel) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from mpge_jax.diagnosis.selection.forward_selection import search
 from mpge_jax.diagnosis.selection.remainder import Remainder, leaves, remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
+from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, EXCHANGES
 
 REFINED = 60
@@ -58,7 +59,7 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
     if f.theta.size and left is None and c.report_s > c.decide_s and not s.sim.rugged(f.hypothesis):
         say("refining parameters")
-        f = refined(s, f, p.all_to_train().windows("train", c.report_s, REFINED))
+        f = refined(s, f, _longer(p))
     return Decision(f, rivals, noise, left)
 
 
@@ -76,8 +77,13 @@ def _with_what_masses_leave_open(p: Prepared, s: Search, found: Decision) -> Fit
     """The fit with intervals that hold this too, told by the windows by which its parameters were."""
     if s.sim.rugged(found.fit.hypothesis):
         return found.fit
-    w = s.train if found.left is not None else p.all_to_train().windows("train", p.config.report_s, REFINED)
+    w = s.train if found.left is not None else _longer(p)
     return beside_inexact_inertias(s.sim, found.fit, w, s.whiten_one(found.fit, w), p.config.masses_within)
+
+
+def _longer(p: Prepared) -> Windows:
+    """Windows of the reported length, of all that may be looked at."""
+    return p.all_to_train().windows("train", p.config.report_s, REFINED)
 
 
 def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, Remainder | None]:

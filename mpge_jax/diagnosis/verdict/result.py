@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.intervals import inertia_factors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
@@ -62,9 +63,9 @@ class Result:
         return self.fit.hypothesis.named
 
     @property
-    def given_inertias(self) -> Term | None:
-        """The term that corrects the given masses and inertias, if one was found."""
-        return next((t for t in self.fit.hypothesis.terms if not t.effect.named), None)
+    def given_inertias(self) -> list[dict[str, Any]] | None:
+        """By how much every given mass and inertia is off, body by body, where that was found."""
+        return inertia_factors(self.ctx, self.fit)
 
 
 def candidates_of(d: Result) -> dict[Term, list[Fitted]]:
