@@ -53,22 +53,23 @@ def _cells(rows: Rows, order: list[str]) -> Iterator[tuple[str, int, Rows, Calla
         yield method, samples, group, column_of(group)
 
 
-def _spread(values: list[float]) -> float:
+def _deviation(values: list[float]) -> float:
     return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
 
 
-def _cell(values: list[float], digits: int) -> str:
+def spread(values: list[float], digits: int = 0) -> str:
+    """Mean ± standard deviation (ddof 1) as a table shows them; empty without values."""
     if not values:
         return ""
-    spread = f" ± {_spread(values):.{digits}f}" if len(values) > 1 else ""
-    return f"{np.mean(values):.{digits}f}{spread}"
+    half = f" ± {_deviation(values):.{digits}f}" if len(values) > 1 else ""
+    return f"{np.mean(values):.{digits}f}{half}"
 
 
 def interval(values: list[float]) -> tuple[float, float] | None:
     """The 95 % interval of the mean over seeds (Student's t); None of one seed."""
     if len(values) < 2:
         return None
-    half = float(stats.t.ppf(0.975, len(values) - 1)) * _spread(values) / len(values) ** 0.5
+    half = float(stats.t.ppf(0.975, len(values) - 1)) * _deviation(values) / len(values) ** 0.5
     return float(np.mean(values)) - half, float(np.mean(values)) + half
 
 
@@ -116,7 +117,8 @@ def _from_log(rows: Rows, order: list[str]) -> list[str]:
         simulated = sorted(set(column("grounding_simulator_steps")))
         lines.append(
             f"| {method} | {'/'.join(f'{x:,}' for x in sorted(set(column('target_steps'))))} | {len(group)} "
-            f"| {_cell(given[:1], 3) or 'not known'} | {_cell(made, 3) or '-'} | {column('held_out_transitions')[0]:,} "
+            f"| {spread(given[:1], 3) or 'not known'} | {spread(made, 3) or '-'} "
+            f"| {column('held_out_transitions')[0]:,} "
             f"| {'/'.join(f'{x:,}' for x in simulated)} | `cells/{method}-{samples}/policy` |"
         )
     return [
@@ -146,10 +148,10 @@ def _returns(rows: Rows, order: list[str]) -> list[str]:
             {row["grounding_simulator_steps"] for row in group if "grounding_simulator_steps" in row}
         )
         lines.append(
-            f"| {method} | {samples or '-'} | {len(group)} | {_cell(column('return_stochastic'), 0)} "
+            f"| {method} | {samples or '-'} | {len(group)} | {spread(column('return_stochastic'), 0)} "
             f"| {_interval(column('return_stochastic'))} "
-            f"| {_cell(column('return_deterministic'), 0)} | {'' if published is None else f'{published:.0f}'} "
-            f"| {_cell(column('transform_error'), 3)} | {'/'.join(f'{x:,}' for x in steps)} "
+            f"| {spread(column('return_deterministic'), 0)} | {'' if published is None else f'{published:.0f}'} "
+            f"| {spread(column('transform_error'), 3)} | {'/'.join(f'{x:,}' for x in steps)} "
             f"| {'/'.join(f'{x:,}' for x in simulated)} |"
         )
     return lines
@@ -185,7 +187,7 @@ def returns_figure(rows: Rows, path: Path, task: str) -> None:
         sizes = sorted(samples for name, samples in groups if name == method)
         values = [[row["return_stochastic"] for row in groups[method, samples]] for samples in sizes]
         means = [float(np.mean(v)) for v in values]
-        errors = [_spread(v) if len(v) > 1 else 0.0 for v in values]
+        errors = [_deviation(v) if len(v) > 1 else 0.0 for v in values]
         # Side by side, or methods of one return would hide each other.
         beside = np.array(sizes) * 1.02 ** (place - (len(shown) - 1) / 2)
         axes.errorbar(beside, means, errors, color=colour, marker="o", capsize=3, label=method)

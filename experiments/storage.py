@@ -149,6 +149,11 @@ class SweepFolder:
         arrays = {name: jnp.asarray(value) for name, value in files.read_npz(file).items()}
         return Transformer(**flax.traverse_util.unflatten_dict(arrays, sep="/"))
 
+    def agents(self, method: str, samples: int) -> PolicySet | None:
+        """The deployed policies of a finished cell, one a seed; None where they were not kept."""
+        file = self.cell(method, samples) / "agents.npz"
+        return policies.load(file)[0] if file.is_file() else None
+
     def save_error(self, method: str, samples: int, message: str) -> None:
         """Records why a cell failed."""
         files.write_text(self.cell(method, samples) / "error.json", json.dumps({"error": message}, indent=1))

@@ -19,7 +19,8 @@ import envs
 from experiments.benchmark import table
 from experiments.ending import exit_status
 from experiments.results import comparison
-from experiments.results.sweeps import Sweep, image, read_json, read_sweep, sweep_section
+from experiments.results.section import image, sweep_section
+from experiments.results.sweeps import Sweep, read_json, read_sweep
 from mpge_jax import files
 from mpge_jax.rollouts import policies
 

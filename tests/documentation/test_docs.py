@@ -18,7 +18,7 @@ from experiments.benchmark.peers import __main__ as peers
 from experiments.blind import __main__ as blind
 from experiments.demo import __main__ as demo
 from experiments.fleet import __main__ as fleet
-from experiments.results import heat_map
+from experiments.results import grounded_returns, heat_map
 from experiments.results import page as results
 from experiments.scale import __main__ as scale
 from mpge_jax.diagnosis.effects import REGISTRY, VOCABULARY
@@ -31,6 +31,7 @@ BY_TYRO = {
     "pretrain": pretrain.Args, "new": new.Args, "facts": facts.Args, "tuning": tuning.Args, "fleet": fleet.Args,
     "scale": scale.Command, "blind": blind.Command, "benchmark.peers": peers.Args,
     "atlas": atlas.Args, "results.heat_map": heat_map.Args, "ablation": ablation.Command,
+    "results.grounded_returns": grounded_returns.Args,
 }  # fmt: skip
 BY_ARGPARSE = {"diagnose": diagnose, "inspect": inspect}
 STANDS_FOR = {"TASK": "Hopper", "KIND": "MS", "N": "4", "R": "ray"}

@@ -1,0 +1,97 @@
+"""What agents return in the simulators that they were trained in, beside what they return in the target.
+
+python -m experiments.results.grounded_returns results/BrokenHopper-standard
+
+An agent that returns more in its grounded simulator than in the target has learned from what is wrong there. Reads the
+agents and transformers that the cells of a sweep left, and writes grounded_returns.json into its folder.
+"""
+
+import json
+import sys
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import jax
+import numpy as np
+import tyro
+
+from mpge_jax import own_envs as own_envs  # isort: split
+
+import envs
+from experiments.ending import exit_status
+from experiments.methods import METHODS
+from experiments.methods.grounded import grounded
+from experiments.results.sweeps import order, read_json
+from experiments.storage import SweepFolder, versions
+from mpge_jax import files
+from mpge_jax.grounding.grounded_env import GroundedEnv
+from mpge_jax.grounding.transformer import Transformer
+from mpge_jax.learning import agent
+from mpge_jax.rollouts.policies import PolicySet
+
+NAME = "grounded_returns"
+
+
+@dataclass(frozen=True)
+class Args:
+    """Evaluates a sweep's agents in the simulators that they were trained in."""
+
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="folder of a sweep")]
+    episodes: Annotated[int, tyro.conf.arg(help="episodes of each agent in each simulator")] = 50
+
+    def __post_init__(self) -> None:
+        if self.episodes < 1:
+            raise ValueError(f"--episodes: at least one is needed, not {self.episodes}.")
+
+
+def returns(
+    key: jax.Array, source: envs.Env, agents: PolicySet, transformers: Transformer, episodes: int
+) -> dict[str, list[float]]:
+    """Mean returns of S agents, stochastic as in the tables, in the simulator as it is and grounded.
+
+    Args:
+      transformers: of each agent's ensemble, every leaf `[S, N, ...]`.
+    """
+
+    def both(key: jax.Array, actor: Any, members: Transformer) -> tuple[jax.Array, jax.Array]:
+        plain = agent.evaluate(key, source, actor, episodes, True)
+        return plain.mean(), agent.evaluate(key, GroundedEnv(source, members), actor, episodes, True).mean()
+
+    plain, there = jax.jit(jax.vmap(both))(jax.random.split(key, agents.size), agents.actor, transformers)
+    return {"simulator": np.asarray(plain).tolist(), "grounded": np.asarray(there).tolist()}
+
+
+def measured(folder: Path, episodes: int) -> dict[str, Any]:
+    """The returns of every cell of a sweep that has transformers and agents, and what they are of."""
+    identity = read_json(folder / "sweep.json")["identity"]
+    source = envs.make(envs.source_of(identity["task"]), identity["backend"], identity["dynamics"])
+    sweep, cells = SweepFolder(folder, identity), {}
+    for method, samples in sorted({(row["method"], row["samples"]) for row in sweep.rows()}, key=order):
+        transformers, agents = sweep.transformers(method, samples), sweep.agents(method, samples)
+        # what was learned in a corrected simulator does not belong before the plain one
+        if transformers is None or agents is None or METHODS[method].work is not grounded:
+            continue
+        key = jax.random.key(zlib.crc32(f"grounded returns/{method}/{samples}".encode()))
+        cells[f"{method}-{samples}"] = returns(key, source, agents, transformers, episodes)
+    return {"task": identity["task"], "episodes": episodes, "versions": versions(), "cells": cells}
+
+
+def main() -> int:
+    """The command; returns its exit status."""
+
+    def work() -> int:
+        args = tyro.cli(Args, prog="python -m experiments.results.grounded_returns", description=Args.__doc__)
+        record = measured(args.folder, args.episodes)
+        if not record["cells"]:
+            raise ValueError(f"no cell of {args.folder} has transformers; run a method that grounds.")
+        files.write_text(args.folder / f"{NAME}.json", json.dumps(record, indent=1))
+        print(f"written: {args.folder / NAME}.json")
+        return 0
+
+    return exit_status("grounded_returns", work, goes_on=False)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
