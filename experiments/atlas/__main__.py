@@ -15,21 +15,14 @@ from experiments.atlas import page, record
 from experiments.atlas.machines import MACHINES
 from experiments.ending import exit_status
 
-RECORDINGS = "MPGE_RECORDINGS"
-
-
-def _given() -> Path | None:
-    named = os.environ.get(RECORDINGS)
-    return None if named is None else Path(named)
-
 
 @dataclass(frozen=True)
 class Args:
     """Diagnoses the public machines that are not yet in the atlas, each of which takes minutes, and writes its page."""
 
     recordings: Annotated[
-        Path | None, tyro.conf.arg(help=f"folder of the machines' recordings (default: ${RECORDINGS})")
-    ] = field(default_factory=_given)
+        Path | None, tyro.conf.arg(help=f"folder of the machines' recordings (default: ${record.FOLDER})")
+    ] = field(default_factory=record.folder_given)
     machine: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
@@ -63,7 +56,7 @@ def run(args: Args) -> None:
     if keys and (args.recordings is None or not args.recordings.is_dir()):
         raise ValueError(
             f"{', '.join(keys)}: no result yet, and --recordings is no folder; give the one with the machines' "
-            f"recordings, or set {RECORDINGS}"
+            f"recordings, or set {record.FOLDER}"
         )
     for number, key in enumerate(keys, 1):
         print(f"[{number}/{len(keys)}] {key}", file=sys.stderr, flush=True)

@@ -20,6 +20,8 @@ NEAR = 1.1
 LESS = 1.05
 """Times by which an error falls of which that is said."""
 PICTURE = "images/atlas.png"
+LEARNT = "learnable"
+"""File, among those of the machines, of what `learnable` wrote."""
 HEAD = """# Atlas of public machines
 
 Written by `python -m experiments.atlas` from [results/atlas](results/atlas). Every machine is real hardware whose
@@ -46,13 +48,22 @@ def rows(docs: Path) -> dict[str, Row]:
 
 def write(docs: Path) -> None:
     """The page and its picture."""
-    kept = rows(docs)
-    files.write_text(docs / "atlas.md", markdown(kept))
-    draw(kept, docs / PICTURE)
+    files.write_text(docs / "atlas.md", text(docs))
+    draw(rows(docs), docs / PICTURE)
 
 
-def markdown(kept: Mapping[str, Row]) -> str:
-    """The page."""
+def text(docs: Path) -> str:
+    """The page, of all that is kept."""
+    learnt = record.kept(docs, LEARNT)
+    return markdown(rows(docs), json.loads(learnt.read_text("utf-8")) if learnt.is_file() else None)
+
+
+def markdown(kept: Mapping[str, Row], learnt: Mapping[str, Any] | None = None) -> str:
+    """The page.
+
+    Args:
+      learnt: what `learnable` wrote.
+    """
     lines = [HEAD, f"![Errors after, of the models as given: {len(kept)} machines]({PICTURE})", ""]
     lines += ["| machine | its makers know | verdict | named | error before | after | | reference | time |"]
     lines += ["|---|---|---|---|--:|--:|--:|---|--:|"]
@@ -71,10 +82,37 @@ def markdown(kept: Mapping[str, Row]) -> str:
     lines += ["", f"Verdicts: {told}. {_met(kept)}"]
     if missing := [MACHINES[key].title for key in MACHINES if key not in kept]:
         lines += ["", f"Not diagnosed yet: {', '.join(missing)}."]
+    lines += [] if learnt is None else _learnt(learnt)
     lines += ["", "## Where the recordings come from", "", "| machine | source | licence |", "|---|---|---|"]
     lines += [f"| {MACHINES[key].title} | {row['source']} | {row['licence']} |" for key, row in kept.items()]
     lines += ["", _made(kept), ""]
     return "\n".join(lines)
+
+
+def _learnt(found: Mapping[str, Any]) -> list[str]:
+    """What strong learners leave of what the diagnoses leave: lines of the page, from what `learnable` wrote."""
+    lines = [
+        "",
+        "## Could more of it be learnt?",
+        "",
+        "Of the missing force of test recordings (its rms), the share that is left by the best of two learners of any "
+        "shape, gradient-boosted and extremely randomised trees of scikit-learn, given positions, speeds, for how long "
+        "and how far each joint has moved since it turned, commands, and time: of the joint itself, or of all. Which "
+        "is best was chosen by the same test recordings, which flatters it; 1 and more: nothing was learnt that holds "
+        "there. *Residual*: error of the test recordings with the diagnosis's own functions of what is left, over that "
+        "without (`-`: they did not help, and were dropped).",
+        "",
+        f"`python -m experiments.atlas.learnable --recordings DIR`, commit {found['versions']['commit']}; "
+        "scikit-learn comes with the group `peers`.",
+        "",
+        "| machine | left by the best learner, by joint or motor | residual |",
+        "|---|---|--:|",
+    ]
+    for key, row in found["machines"].items():
+        left = ", ".join(f"{x:.2f}" for x in row["left"].values() if x is not None)
+        residual = "-" if row["residual"] is None else f"{row['residual']:.2f}"
+        lines.append(f"| [{MACHINES[key].title}](machines/{key}.md) | {left} | {residual} |")
+    return lines
 
 
 def _named(row: Row) -> str:

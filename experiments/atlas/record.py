@@ -19,7 +19,15 @@ from mpge_jax.diagnosis.report.markdown_page import markdown
 from mpge_jax.diagnosis.report.tables import diagnosis_table
 
 Array = np.ndarray
+FOLDER = "MPGE_RECORDINGS"
+"""Environment variable that names the folder of the machines' recordings."""
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+def folder_given() -> Path | None:
+    """The folder of the machines' recordings that the environment names."""
+    named = os.environ.get(FOLDER)
+    return None if named is None else Path(named)
 
 
 def diagnosed(machine: Machine, recordings: Path, jobs: int, progress: Path | None = None) -> Diagnosis:

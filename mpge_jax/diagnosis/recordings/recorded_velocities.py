@@ -14,8 +14,8 @@ LOOKED_AT = 400
 RESTING = 0.1
 """Share of its way at its liveliest below which a joint rests."""
 EQUAL, EXACT = 1e-3, 3e-3
-"""Velocities within this share of the positions' slope are computed from it; those whose noise is a smaller share of
-their spread are exact, wherever they come from."""
+"""Velocities within this share of the positions' slope, there or its rms, are computed from it; those whose noise is a
+smaller share of their spread are exact, wherever they come from."""
 
 
 def wrong(
@@ -82,9 +82,16 @@ def derived(recordings: list[Recording], dofs: dict[int, int], qvel_noise: Array
             guesses = ((v[1:], ahead), (v[:-1], ahead), (v[1:-1], about), (v, np.gradient(q, t)))
             if (np.abs(ahead) > 0).sum() < MIN_ROWS:
                 continue
-            equal.append(max(np.mean(np.abs(x - y)[y != 0] < EQUAL * np.abs(y[y != 0])) for x, y in guesses))
+            equal.append(max(_equal(x, y) for x, y in guesses))
             noisy.append(qvel_noise[dof] > EXACT * v.std())
         # velocities of an engine that steps semi-implicitly are differences as well, but exact
         if equal and min(equal) > 0.9 and np.median(noisy) > 0.5:
             found.append(dof)
     return found
+
+
+def _equal(velocity: Array, slope: Array) -> float:
+    """Share of the rows, of those that move, in which a velocity is a slope, but for the digits that were written."""
+    moves = slope != 0
+    size = np.maximum(np.abs(slope), np.sqrt(np.mean(slope**2)))
+    return float(np.mean(np.abs(velocity - slope)[moves] < EQUAL * size[moves]))

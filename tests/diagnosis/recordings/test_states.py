@@ -126,6 +126,20 @@ def test_velocities_computed_from_the_positions_are_not_used_twice(derived, nois
     assert any("differences" in w for w in warnings) != used
 
 
+def test_velocities_that_were_computed_before_seven_digits_were_written_are_known():
+    """Where the clock jitters, differences of a coarse encoder's readings nearly cancel, and the digits decide."""
+    rng = np.random.default_rng(0)
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    t = np.cumsum(0.005 * (1.0 + 0.03 * rng.standard_normal(2000)))
+    step = 2 * np.pi / 16384
+    q = step * np.round((0.02 * np.sin(t) - 0.29) / step)
+    v = np.gradient(q, t)
+    written = [np.array([float(f"{x:.7g}") for x in column]) for column in (t, q, v)]
+    recorded = Recording("r", written[0], written[1][:, None], written[2][:, None], None)
+    noise, _, _ = estimate([recorded], model, names_of(model))
+    assert np.isinf(noise.qvel[0])
+
+
 def test_derived_velocities_are_known_beside_readings_that_were_moved():
     rng = np.random.default_rng(0)
     model = mujoco.MjModel.from_xml_string(PENDULUM)

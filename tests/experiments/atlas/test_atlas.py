@@ -51,7 +51,7 @@ def docs_with(folder: Path, **rows: dict) -> Path:
 def test_the_page_is_that_of_the_kept_rows():
     docs = ROOT / "docs"
     written = (docs / "atlas.md").read_text("utf-8")
-    assert written == page.markdown(page.rows(docs)), "python -m experiments.atlas --machine writes it anew"
+    assert written == page.text(docs), "python -m experiments.atlas --machine writes it anew"
     for key in page.rows(docs):
         assert (docs / "machines" / f"{key}.md").is_file()
 
@@ -84,6 +84,20 @@ def test_a_fall_that_rounds_to_nothing_is_not_said(tmp_path):
     assert "| 4.9e+03 N | no less |" in page.markdown(page.rows(docs_with(tmp_path, brfd=same)))
 
 
+def test_what_learners_leave_is_told_where_it_was_measured(tmp_path):
+    docs = docs_with(tmp_path, brfd=ROW)
+    assert "learnt" not in page.text(docs)
+    found = {"left": {"rig": 0.904, "other": None, "more": 1.2}, "residual": None}
+    learnt = {
+        "versions": {"commit": "abc"},
+        "machines": {"brfd": found, "go2_legs": {**found, "residual": 0.456}},
+    }
+    record.kept(docs, page.LEARNT).write_text(json.dumps(learnt))
+    text = page.text(docs)
+    assert "| [Friction damper with backlash](machines/brfd.md) | 0.90, 1.20 | - |" in text
+    assert "(machines/go2_legs.md) | 0.90, 1.20 | 0.46 |" in text and "commit abc" in text
+
+
 def test_references_are_compared_in_their_own_measure():
     motion = {**ROW, "unit": "rad", "after": 0.03, "median_window": [0.2, 0.01], "each": {"j": [0.2, 0.02]}}
     assert page.reached(MACHINES["servo_pendulum"], motion) == [0.03]
@@ -105,7 +119,7 @@ def test_only_machines_without_a_row_are_diagnosed(tmp_path, monkeypatch):
 
 
 def test_what_cannot_be_done_is_one_sentence(tmp_path, monkeypatch, capsys):
-    monkeypatch.delenv(command.RECORDINGS, raising=False)
+    monkeypatch.delenv(record.FOLDER, raising=False)
     for given, said in (
         (["--machine", "r2d2"], "--machine r2d2 is not known"),
         (["--machine", "brfd"], "brfd: no result yet, and --recordings is no folder"),
