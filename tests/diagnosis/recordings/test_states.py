@@ -136,8 +136,8 @@ def test_velocities_that_were_computed_before_seven_digits_were_written_are_know
     v = np.gradient(q, t)
     written = [np.array([float(f"{x:.7g}") for x in column]) for column in (t, q, v)]
     recorded = Recording("r", written[0], written[1][:, None], written[2][:, None], None)
-    noise, _, _ = estimate([recorded], model, names_of(model))
-    assert np.isinf(noise.qvel[0])
+    noise, _, warnings = estimate([recorded], model, names_of(model))
+    assert np.isinf(noise.qvel[0]) and "differences" in warnings[0]
 
 
 def test_derived_velocities_are_known_beside_readings_that_were_moved():
