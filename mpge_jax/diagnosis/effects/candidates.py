@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -25,6 +27,8 @@ EXCLUSIVE = (
     ("backlash", "joint_flexibility"),
 )
 """Effects of which a place has at most one."""
+PLAIN = ("coulomb_friction", "viscous_damping")
+"""Effects that more elaborate laws of friction contain."""
 
 
 def all_terms(
@@ -64,3 +68,17 @@ def compatible(hypothesis: Hypothesis, term: Term) -> bool:
         if "dead_actuator" in (other.id, term.id) and term.place.kind == "actuator":
             return False
     return True
+
+
+def plain_form(ctx: Context, term: Term, theta: np.ndarray) -> dict[Term, np.ndarray]:
+    """The plain effects that a law of friction contains, with the parameters by which they come nearest to it at theta
+    [p]; none where it contains none."""
+    directions = {}
+    for name in PLAIN:
+        nothing, one = (term.effect.containing(ctx, term.place, name, np.array([x])) for x in (0.0, 1.0))
+        if len(one):
+            directions[Term(name, term.place)] = (one - nothing)[0]
+    if not directions:
+        return {}
+    sizes = np.linalg.lstsq(np.stack(list(directions.values()), 1), theta)[0]
+    return {plain: size[None] for plain, size in zip(directions, sizes, strict=True)}

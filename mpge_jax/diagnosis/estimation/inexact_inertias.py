@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.inertia import given_inertias
 from mpge_jax.diagnosis.estimation.covariance import widened
 from mpge_jax.diagnosis.estimation.estimate import Fitted
@@ -20,17 +21,37 @@ ITERATIONS = 3
 def beside_inexact_inertias(sim: Simulator, f: Fitted, w: Windows, white: Whitener, share: float) -> Fitted:
     """`f` with the covariance that its parameters have where every body's mass and inertia may be off.
 
-    They are fitted once more together with a factor for each, which is 1 within a deviation of `share`. What that adds
-    to a parameter's variance counts, or how far the parameter goes where that is more.
+    They are fitted once more together with a factor for each, which is 1 within a deviation of `share`.
     """
+    start = freed(sim.ctx, f, share)
+    if start is None:
+        return f
+    alone, free = fit(sim, [f, start], w, white, iterations=ITERATIONS)
+    return held(sim.ctx, f, alone, free, share)
+
+
+def freed(ctx: Context, f: Fitted, share: float) -> Fitted | None:
+    """`f` with a factor of one for every mass and inertia; None where there is nothing to widen, or it has them."""
     given = given_inertias(share)
     if not share or not f.theta.size or not f.cov.size or given in f.hypothesis.terms:
-        return f
-    ctx, parts = sim.ctx, f.hypothesis.split(sim.ctx, f.theta)
+        return None
     h, null = f.hypothesis.with_term(given), {given: given.effect.null(ctx, given.place)}
-    start = Fitted(h, h.gather(ctx, parts | null), h.gather(ctx, f.hypothesis.split(ctx, f.centre) | null))
-    alone, free = fit(sim, [f, start], w, white, iterations=ITERATIONS)
-    own = np.delete(np.arange(start.theta.size), h.slices(ctx)[h.terms.index(given)])
+    theta, centre = (h.gather(ctx, f.hypothesis.split(ctx, x) | null) for x in (f.theta, f.centre))
+    return Fitted(h, theta, centre)
+
+
+def held(ctx: Context, f: Fitted, alone: Fitted, free: Fitted, share: float) -> Fitted:
+    """`f` with intervals that hold what the factors leave open: what they add to a parameter's variance, or how far the
+    parameter goes with them where that is more.
+
+    Args:
+        alone: `f`, fitted once more without the factors. free: with them.
+    """
+    own = np.delete(np.arange(free.theta.size), free.hypothesis.slices(ctx)[_index(free, share)])
     more = np.maximum(np.diag(free.cov)[own] - np.diag(alone.cov), 0.0)
     moved = free.theta[own] - alone.theta
     return replace(f, cov=widened(f.cov, np.sqrt(np.maximum(more, moved**2))))
+
+
+def _index(free: Fitted, share: float) -> int:
+    return free.hypothesis.terms.index(given_inertias(share))

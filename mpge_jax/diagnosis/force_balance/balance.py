@@ -9,7 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.force_balance.low_pass import low_pass
+from mpge_jax.diagnosis.force_balance.low_pass import lagged, low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import Key, Rigid, needed
 from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, tracks
 from mpge_jax.diagnosis.simulation.drive_signal import Source
@@ -76,8 +76,11 @@ class Balance:
         """Forces [N, nu] that the motion needs, as the measurement would show them."""
         machine = Machine.build(self.ctx, tuple(parts), tuple(parts.values()))
         forces = [needed(machine, t, k) for t, k in zip(self.tracks, self._known, strict=True)]
-        cutoff = min(self.resolution.sensor, self.resolution.motion)
-        return np.concatenate([low_pass(f, t.time, cutoff) for f, t in zip(forces, self.tracks, strict=True)])
+        cutoff, lag = min(self.resolution.sensor, self.resolution.motion), self.resolution.lag
+        seen = [
+            low_pass(lagged(f, t.time, lag), t.time, cutoff) for f, t in zip(forces, self.tracks, strict=True)
+        ]
+        return np.concatenate(seen)
 
     def columns(self, parts: dict[Term, Array], term: Term, here: Array) -> Array:
         """Change [p, N, nu] of the predicted force with each parameter of one of the `parts`.

@@ -18,8 +18,8 @@ LEAST = 0.2
 """Share of the squared error that must go with an effect at the actuator where it takes away most."""
 CLEAR = 2.0
 """Standard deviations from which on what other joints have too is seen at this one."""
-ELSEWHERE, TAKEN_UP = 2, 3.0
-"""Other places at which an effect was found, and standard deviations, from which on it is taken up at this one too."""
+ELSEWHERE = 2
+"""Other places at which an effect was found from which on it is taken up at this one too."""
 DISTINCT = 1e-3
 """Share of a direction's squared force that no other gives, from which on it is one of its own."""
 SHOWN = 12
@@ -72,19 +72,24 @@ class ForceSearch:
     One statistic decides: the logarithm of the likelihood ratio of two hypotheses on stretches that they were not
     fitted to, each actuator with its own variance, and with as many independent errors as its neighbouring rows leave.
     What is added or kept must win beyond doubt, given how many candidates there are.
+
+    Attributes:
+        log: lines of it are added. most: effects at most. excluded: candidates that are not tried.
     """
 
     bank: Bank
     say: Callable[[str], None]
     log: list[str]
     most: int
+    excluded: frozenset[Entry] = frozenset()
 
     def __post_init__(self) -> None:
         normal = self.bank.normal
         self.rows = normal.rows.sum(0)
-        self.among = len({e.term for e in self.bank.entries})
+        self.entries = [e for e in self.bank.entries if e not in self.excluded]
+        self.among = len({e.term for e in self.entries})
         self.least = 1e-8 * normal.square.sum(0) + 1e-300
-        self.groups = _groups(self.bank.entries)
+        self.groups = _groups(self.entries)
 
     def run(self, chosen: Chosen = ()) -> Found:
         """The chosen hypothesis, with rivals of each of its terms; the search goes on from what is `chosen`."""
@@ -111,7 +116,7 @@ class ForceSearch:
         while True:
             weighted = self._weights(best.chosen)
             found: list[tuple[float, Judged]] = []
-            for e in self.bank.entries:
+            for e in self.entries:
                 if (
                     e.term.effect.tier > 1
                     or len(e.columns) > 1
@@ -121,8 +126,8 @@ class ForceSearch:
                 if sum(o.term.id == e.term.id for o in best.chosen) >= ELSEWHERE:
                     more = self._judge((*best.chosen, e), weighted)
                     sure = weighted.sureness(self.bank.columns(more.chosen), more.alike)[-1]
-                    if sure > TAKEN_UP and self.ratio(more, best) > 0.0:
-                        found.append((float(sure), more))
+                    if sure > CLEAR and (ratio := self.ratio(more, best)) > 0.0:
+                        found.append((ratio, more))
             if not found or len(best.chosen) >= self.most:
                 return best
             best = max(found, key=lambda x: x[0])[1]
@@ -192,7 +197,7 @@ class ForceSearch:
 
     def _moves(self, chosen: Chosen) -> list[Chosen]:
         """Every candidate added, put in the place of what it cannot stand beside, and groups of them."""
-        entries, hypothesis = self.bank.entries, hypothesis_of(chosen)
+        entries, hypothesis = self.entries, hypothesis_of(chosen)
         moves: list[Chosen] = []
         for e in entries:
             if compatible(hypothesis, e.term):
@@ -228,7 +233,7 @@ class ForceSearch:
         """What could stand in the place of one effect, best first."""
         rest = tuple(e for e in best.chosen if e is not own)
         hypothesis = hypothesis_of(rest)
-        others = [e for e in self.bank.entries if e.term != own.term and compatible(hypothesis, e.term)]
+        others = [e for e in self.entries if e.term != own.term and compatible(hypothesis, e.term)]
         scores = [
             (self._score(weighted.left(self.bank.columns((*rest, e)))), i) for i, e in enumerate(others)
         ]

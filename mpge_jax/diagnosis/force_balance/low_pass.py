@@ -1,9 +1,11 @@
-"""A low-pass filter without phase, for rows at uneven times."""
+"""Low-pass filters for rows at uneven times: one without phase, and one that lags behind."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, lfilter, lfiltic, sosfiltfilt
 
 Array = np.ndarray
 ORDER = 2
@@ -20,11 +22,33 @@ def low_pass(x: Array, time: Array, cutoff: float) -> Array:
     rate = (len(time) - 1) / span if span > 0 else 0.0
     if not np.isfinite(cutoff) or len(time) < FEWEST or cutoff > HIGHEST * rate:
         return x
-    even = np.linspace(time[0], time[-1], len(time))
     sos = butter(ORDER, cutoff / (0.5 * rate), output="sos")
-    flat = x.reshape(len(x), -1)
-    evenly = np.stack([np.interp(even, time, c) for c in flat.T], 1)
     # a stretch of a period mirrored at either end keeps the filter's transients outside
     pad = int(min(len(time) - 1, np.ceil(rate / cutoff)))
-    smooth = sosfiltfilt(sos, evenly, axis=0, padtype="odd", padlen=pad)
-    return np.stack([np.interp(time, even, c) for c in smooth.T], 1).reshape(x.shape)
+    return _evenly(x, time, lambda even: sosfiltfilt(sos, even, axis=0, padtype="odd", padlen=pad))
+
+
+def lagged(x: Array, time: Array, constant: float) -> Array:
+    """Rows x [T, ...] at times [T] (s) behind a filter of first order with a time constant (s), at rest before the
+    first."""
+    if constant == 0.0 or len(time) < 2:
+        return x
+    h = (time[-1] - time[0]) / (len(time) - 1) / constant
+    # exact where the signal is straight between rows
+    decay = np.exp(-h)
+    now = 1.0 - (1.0 - decay) / h
+    b, a = [now, 1.0 - decay - now], [1.0, -decay]
+
+    def behind(even: Array) -> Array:
+        start = np.stack([lfiltic(b, a, y=[first], x=[first]) for first in even[0]], 1)
+        return np.asarray(lfilter(b, a, even, axis=0, zi=start)[0])
+
+    return _evenly(x, time, behind)
+
+
+def _evenly(x: Array, time: Array, filtered: Callable[[Array], Array]) -> Array:
+    """What a filter makes of rows at even times, at the times of x."""
+    even = np.linspace(time[0], time[-1], len(time))
+    flat = x.reshape(len(x), -1)
+    out = filtered(np.stack([np.interp(even, time, c) for c in flat.T], 1))
+    return np.stack([np.interp(time, even, c) for c in out.T], 1).reshape(x.shape)

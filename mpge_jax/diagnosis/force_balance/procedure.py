@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.effects.candidates import all_terms
-from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.candidates import all_terms, compatible, plain_form
+from mpge_jax.diagnosis.effects.context import Context
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.inexact_inertias import freed, held
 from mpge_jax.diagnosis.force_balance.balance import Balance
-from mpge_jax.diagnosis.force_balance.bank import Bank
+from mpge_jax.diagnosis.force_balance.bank import Bank, Entry
 from mpge_jax.diagnosis.force_balance.force_search import Chosen, ForceSearch, Found
 from mpge_jax.diagnosis.force_balance.needed_force import can_ask
 from mpge_jax.diagnosis.force_balance.polish import polished
@@ -54,35 +56,63 @@ def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
     """
     terms = [t for t in all_terms(p.ctx, p.config.effects) if can_ask(t)]
     resolution = choose(p, [t for t in terms if t.id in PLAIN])
+    if resolution.lag:
+        p.warnings.append(
+            f"measured forces come late, as through a filter of first order with a time constant of "
+            f"{1e3 * resolution.lag:g} ms; the forces that they are compared with are delayed alike."
+        )
     b = Balance.recorded(p, p.looked_at, ROWS, resolution)
     say(f"{len(b.measured)} rows of measured force; {len(terms)} candidates (an effect at a place) to try")
     bank = Bank.of(b, terms)
     chosen: Chosen = ()
     most = MOST if p.config.max_effects is None else p.config.max_effects
     log: list[str] = []
+    misleading: set[Entry] = set()
     for _ in range(TURNS):
-        search = ForceSearch(bank, say, log, most)
+        search = ForceSearch(bank, say, log, most, frozenset(misleading))
         found = search.run(chosen)
-        fit = fitted(bank, search.parts(found.best.chosen))
+        linear = search.parts(found.best.chosen)
+        fit = fitted(bank, linear)
         if {e.term for e in chosen} == set(fit.hypothesis.terms):
             break
         parts = fit.hypothesis.split(p.ctx, fit.theta)
+        # linear, what turned out to be no more than the plain law that it contains would seem more again
+        gone = {t for t, x in linear.items() if t not in parts and plain_form(p.ctx, t, x)}
+        misleading |= {e for e in found.best.chosen if e.term in gone}
         bank = bank.near((t, x) for t, x in parts.items() if len(x) > 1)
         chosen = _entries(bank, parts)
     return ForceDecision(b, fit, search, found)
 
 
 def fitted(bank: Bank, parts: dict[Term, Array]) -> Fitted:
-    """The best parameters near `parts`, without effects that end up as nothing."""
-    b, known = bank.balance, bank.single(parts)
+    """The best parameters near `parts`, without effects that end up as nothing; those that end up as the plainer ones
+    that they contain give way to these."""
+    b = bank.balance
     while True:
-        f = polished(b, parts, known)
+        f = polished(b, parts, bank.single(parts))
         parts = f.hypothesis.split(b.ctx, f.theta)
         sure = {t: sureness(b, f, t) for t in parts}
         if not sure or min(sure.values()) > SOMETHING:
             return f
-        # one at a time: of two that are hard to tell apart, neither may seem sure
-        del parts[min(sure, key=lambda t: sure[t])]
+        # one at a time, the most elaborate first: of two that are hard to tell apart, neither may seem sure
+        unsure = [t for t in sure if sure[t] <= SOMETHING]
+        parts = without(b.ctx, parts, min(unsure, key=lambda t: (-t.effect.tier, sure[t])))
+
+
+def without(ctx: Context, parts: dict[Term, Array], term: Term) -> dict[Term, Array]:
+    """The others, and in the place of a law of friction the plainer ones that it contains."""
+    rest = {t: x for t, x in parts.items() if t != term}
+    plain, others = plain_form(ctx, term, parts[term]), Hypothesis.of(*rest)
+    return rest | {t: x for t, x in plain.items() if compatible(others, t)}
+
+
+def beside_inexact_inertias(b: Balance, f: Fitted, share: float) -> Fitted:
+    """`f` with intervals that hold what masses and inertias that are off by `share` leave open."""
+    start = freed(b.ctx, f, share)
+    if start is None:
+        return f
+    free = polished(b, start.hypothesis.split(b.ctx, start.theta))
+    return held(b.ctx, f, f, free, share)
 
 
 def sureness(b: Balance, f: Fitted, term: Term) -> float:

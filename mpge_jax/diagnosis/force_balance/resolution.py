@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -17,14 +17,20 @@ from mpge_jax.diagnosis.force_balance.tracks import Resolution, tracks
 
 Array = np.ndarray
 SENSOR = (np.inf, 20.0, 10.0, 5.0, 3.0, 2.0, 1.5, 1.0)
+LAG = (0.0, 0.002, 0.004, 0.007, 0.01, 0.015, 0.02, 0.03, 0.05)
 MOTION = (np.inf, 10.0, 5.0, 2.0)
-STILL = (0.0, 0.003, 0.01, 0.03)
-"""What is tried: Hz, and shares of a joint's usual speed, from fine to coarse."""
+STILL = (0.0, 0.003, 0.01, 0.03, 0.1)
+"""What is tried: Hz, s, and shares of a joint's usual speed, from fine to coarse."""
 FILTERED = 0.01
 """Share of a measured force (rms about its mean) that lies above twice the frequency of the filter that it came
 through."""
+ROUGHER = 1.05
+"""Times as large (rms about its mean) as the measured force that one may have been before the filter that it came
+through: a filter smooths, but takes little of what moves a machine."""
 BETTER = 0.02
 """By how much the logarithm of the error must fall for a coarser one."""
+ROUNDS = 4
+"""Most rounds in which one is chosen after the other, given all others, until none changes."""
 ROWS = 1500
 """Rows of the regressions by which they are judged."""
 
@@ -33,30 +39,42 @@ def choose(p: Prepared, terms: list[Term]) -> Resolution:
     """The resolution with which a plain regression of the forces predicts stretches best that it was not fitted to.
 
     All are judged by the same forces, those that were measured. A sensor's filter is supposed only where the forces
-    hold nothing far above its frequency: else the smooth steps of a friction law would pass for a filter.
+    hold nothing far above its frequency, and a lag only where the forces before it would be hardly larger: else the
+    smooth steps of a friction law would pass for a filter.
 
     Args:
         terms: of the plain regression.
     """
 
+    known: dict[Resolution, float] = {}
+
+    def error(r: Resolution) -> float:
+        if r not in known:
+            rows = tracks(p, p.looked_at, ROWS, r)
+            known[r] = _error(Bank.of(Balance.of(p.ctx, rows, replace(r, motion=np.inf)), terms))
+        return known[r]
+
     def best(tried: Iterable[Resolution]) -> Resolution:
         chosen, least = Resolution(), np.inf
         for r in tried:
-            rows = tracks(p, p.looked_at, ROWS, r)
-            error = _error(Bank.of(Balance.of(p.ctx, rows, replace(r, motion=np.inf)), terms))
-            if error < least - BETTER:
-                chosen, least = r, error
+            if error(r) < least - BETTER:
+                chosen, least = r, error(r)
         return chosen
 
-    found = Resolution()
     tried: tuple[tuple[str, Iterable[Any]], ...] = (
         ("held", (False, True)),
-        ("sensor", _possible(p)),
+        ("sensor", _filters(p)),
         ("motion", MOTION),
         ("still", STILL),
+        ("lag", _lags(p)),
     )
-    for name, values in tried:
-        found = best(replace(found, **{name: x}) for x in values)
+    found = Resolution()
+    for _ in range(ROUNDS):
+        before = found
+        for name, values in tried:
+            found = best(replace(found, **{name: x}) for x in values)
+        if found == before:
+            break
     return found
 
 
@@ -69,19 +87,37 @@ def _error(bank: Bank) -> float:
     return 0.5 * float(np.log(np.maximum(left / rows, 1e-12 * size)[seen]).mean())
 
 
-def _possible(p: Prepared) -> list[float]:
-    """Frequencies of filters through which the measured forces may have come."""
-    forces = [(s.recording.known("force"), s.recording.time) for s in p.looked_at]
-    whole = [f[np.isfinite(f).all(1)] for f, _ in forces]
+def _filters(p: Prepared) -> list[float]:
+    """Frequencies of filters without phase through which the measured forces may have come."""
 
     def above(cutoff: float) -> float:
-        high, size = np.zeros(p.model.nu), np.zeros(p.model.nu)
-        for force, (_, time) in zip(whole, forces, strict=True):
-            if len(force) != len(time):
-                return np.inf
-            about = force - force.mean(0)
-            high += ((about - low_pass(about, time, cutoff)) ** 2).sum(0)
-            size += (about**2).sum(0)
-        return float(np.sqrt(high / np.maximum(size, 1e-300))[p.measured].max())
+        return _most(p, lambda force, time: force - low_pass(force, time, cutoff))
 
     return [f for f in SENSOR if not np.isfinite(f) or above(2.0 * f) < FILTERED]
+
+
+def _lags(p: Prepared) -> list[float]:
+    """Time constants of filters of first order through which the measured forces may have come."""
+
+    def unfiltered(lag: float) -> float:
+        return _most(p, lambda force, time: force + lag * np.gradient(force, time, axis=0))
+
+    return [lag for lag in LAG if lag == 0.0 or unfiltered(lag) < ROUGHER]
+
+
+def _most(p: Prepared, of: Callable[[Array, Array], Array]) -> float:
+    """Rms of something of the measured forces about their means, over that of these forces: the most of all actuators;
+    infinite where forces have holes.
+
+    Args:
+        of: forces [T, nu] about their means, and times [T], to [T, nu].
+    """
+    made, size = np.zeros(p.model.nu), np.zeros(p.model.nu)
+    for s in p.looked_at:
+        force, time = s.recording.known("force"), s.recording.time
+        if not np.isfinite(force[:, p.measured]).all():
+            return np.inf
+        about = np.nan_to_num(force - force.mean(0))
+        made += (of(about, time) ** 2).sum(0)
+        size += (about**2).sum(0)
+    return float(np.sqrt(made / np.maximum(size, 1e-300))[p.measured].max())

@@ -20,7 +20,8 @@ class Resolution:
 
     Attributes:
         motion: Hz below which velocities and accelerations are taken from the recorded velocities (infinite: as the
-        smoother has them). sensor: Hz to which measured forces follow sudden ones (infinite: all).
+        smoother has them). sensor: Hz to which measured forces follow sudden ones (infinite: all). lag: time constant
+        (s) of a filter of first order behind which forces were recorded.
         still: share of its usual speed below which a joint may be at rest: noise of its sensor moves it there, or it
         yields before it slides, and dry friction is not fully against it.
         held: whether a measured force is held from its row to the next, as a computed one is, and not that of a moment.
@@ -28,6 +29,7 @@ class Resolution:
 
     motion: float = np.inf
     sensor: float = np.inf
+    lag: float = 0.0
     still: float = 0.0
     held: bool = False
 

@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank
 from mpge_jax.diagnosis.force_balance.force_errors import ROWS, ForceErrors, errors_of, force_errors, rms
-from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, fitted
+from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, beside_inexact_inertias, fitted, without
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.residual.forces import residual_of_forces
 from mpge_jax.diagnosis.thresholds import SLIGHT
@@ -39,6 +39,7 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     resolution = found.balance.resolution
     test = Balance.recorded(p, p.test, ROWS, resolution)
     fit, needless = _confirmed(found.search.bank, found.fit, test)
+    fit = beside_inexact_inertias(found.balance, fit, p.config.masses_within)
     held = errors_of(p, p.test, test, fit)
     p.warnings += left_out(needless)
     train = force_errors(p, p.looked_at, resolution, fit)
@@ -65,7 +66,7 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
 
 def _confirmed(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]:
     """The fit without the effects by which the forces of `b` are not predicted better, and those effects. One is taken
-    away at a time, as others may stand in for it.
+    away at a time, as others may stand in for it, and a law of friction leaves the plain one that it contains.
 
     Args:
         bank: regression of the recordings to which the others are fitted again. b: forces that nothing was fitted to.
@@ -79,7 +80,7 @@ def _confirmed(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]
             return fit, needless
         worst = min(gains, key=lambda t: gains[t])
         needless.append(worst)
-        fit = fitted(bank, {t: x for t, x in parts.items() if t != worst})
+        fit = fitted(bank, without(b.ctx, parts, worst))
 
 
 def _without(b: Balance, parts: dict[Term, Array], term: Term) -> Array:

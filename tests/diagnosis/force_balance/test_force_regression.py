@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.effects.base import REGISTRY, find_place
+from mpge_jax.diagnosis.effects.candidates import plain_form
 from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.force_balance import polish
@@ -12,10 +13,10 @@ from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank
 from mpge_jax.diagnosis.force_balance.force_search import ForceSearch
 from mpge_jax.diagnosis.force_balance.gram import bounded
-from mpge_jax.diagnosis.force_balance.low_pass import low_pass
+from mpge_jax.diagnosis.force_balance.low_pass import lagged, low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import needed
 from mpge_jax.diagnosis.force_balance.polish import polished
-from mpge_jax.diagnosis.force_balance.procedure import fitted, sureness
+from mpge_jax.diagnosis.force_balance.procedure import beside_inexact_inertias, fitted, sureness
 from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.simulation.single_step import Machine
@@ -104,6 +105,18 @@ def test_low_pass_keeps_what_is_slow_and_takes_what_is_fast():
     assert low_pass(fast, t, np.inf) is fast
 
 
+def test_a_lagging_ramp_falls_behind_by_the_time_constant():
+    """Behind a filter of first order t becomes t - T (1 - exp(-t / T)); rows at uneven times, all columns alike."""
+    rng = np.random.default_rng(0)
+    t = np.cumsum(0.01 + 0.001 * rng.uniform(-1.0, 1.0, 400))
+    t -= t[0]
+    out = lagged(np.stack([t, -2.0 * t], 1), t, 0.05)
+    np.testing.assert_allclose(out[:, 0], t - 0.05 * (1.0 - np.exp(-t / 0.05)), atol=2e-4)
+    np.testing.assert_allclose(out[:, 1], -2.0 * out[:, 0], atol=1e-12)
+    assert lagged(t, t, 0.0) is t
+    np.testing.assert_allclose(lagged(np.full(400, 3.0), t, 0.05), 3.0)
+
+
 def test_bounded_regression_fixes_what_leaves_its_bounds():
     gram = np.array([[2.0, 1.0], [1.0, 2.0]])
     # unbounded (1, -0.5); with x1 >= 0 the first follows its own equation
@@ -136,3 +149,51 @@ def test_an_effect_that_ends_up_as_nothing_is_dropped_and_the_others_are_fitted_
     assert f.hypothesis.terms == (friction,)
     np.testing.assert_allclose(f.theta, 0.3, rtol=0.05)
     assert sureness(b, f, friction) > 20.0
+
+
+def test_a_law_of_friction_that_ends_up_as_the_plain_one_gives_way_to_it(ctx):
+    plain, damping = _term(ctx, "coulomb_friction", 0), _term(ctx, "viscous_damping", 0)
+    b = Balance.of(
+        ctx, _tracks(ctx, {plain: np.array([0.3]), damping: np.array([0.2])}, noise=0.02), Resolution()
+    )
+    uneven = Term("asymmetric_friction", plain.place)
+    f = fitted(Bank.of(b, [plain, damping, uneven]), {uneven: np.array([0.3, 0.31, 0.19, 0.21])})
+    assert f.hypothesis.terms == (plain, damping)
+    np.testing.assert_allclose(f.theta, [0.3, 0.2], rtol=0.05)
+
+
+def test_the_plain_form_of_laws_of_friction_is_the_nearest(ctx):
+    plain, damping = _term(ctx, "coulomb_friction", 0), _term(ctx, "viscous_damping", 0)
+    forms = {
+        ("asymmetric_friction", (0.2, 0.4, 0.1, 0.2)): {plain: 0.3, damping: 0.15},
+        ("stribeck_friction", (0.2, 0.1, 0.05)): {plain: 0.2},
+        ("load_dependent_friction", (0.2, 1.5)): {plain: 0.2},
+        ("armature", (0.1,)): {},
+    }
+    for (effect, theta), wanted in forms.items():
+        found = plain_form(ctx, Term(effect, plain.place), np.array(theta))
+        assert {t: pytest.approx(float(x[0])) for t, x in found.items()} == wanted
+
+
+def test_what_was_excluded_is_not_found_again(ctx):
+    friction, inertia = _term(ctx, "coulomb_friction", 0), _term(ctx, "armature", 1)
+    b = Balance.of(ctx, _tracks(ctx, {friction: np.array([0.3])}, noise=0.02), Resolution())
+    bank = Bank.of(b, [friction, inertia])
+    assert {e.term for e in ForceSearch(bank, print, [], 10).run().best.chosen} == {friction}
+    without = ForceSearch(bank, print, [], 10, frozenset(e for e in bank.entries if e.term == friction)).run()
+    assert friction not in {e.term for e in without.best.chosen} | set(without.rivals)
+
+
+def test_masses_that_may_be_off_widen_what_they_can_stand_in_for(ctx):
+    """A payload may be a heavier link; dry friction is not."""
+    friction = _term(ctx, "coulomb_friction", 0)
+    load = next(Term("payload_mass", p) for p in REGISTRY["payload_mass"].places(ctx))
+    planted = {friction: np.array([0.3]), load: np.array([0.4, 0.1, 0.0, 0.05])}
+    b = Balance.of(ctx, _tracks(ctx, planted, noise=0.005), Resolution())
+    f = polished(b, planted)
+    assert beside_inexact_inertias(b, f, 0.0) is f
+    wide = beside_inexact_inertias(b, f, 0.03)
+    assert wide.hypothesis == f.hypothesis and (wide.theta == f.theta).all()
+    more = dict(zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True))
+    ratio = np.sqrt(np.diag(wide.cov) / np.diag(f.cov))
+    assert ratio[more[load]][0] > 3.0 and 1.0 <= ratio[more[friction]][0] < 1.5

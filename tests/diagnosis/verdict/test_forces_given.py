@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.effects.base import find_place
 from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.force_balance import procedure, resolution
-from mpge_jax.diagnosis.force_balance.low_pass import low_pass
+from mpge_jax.diagnosis.force_balance.low_pass import lagged, low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import needed
 from mpge_jax.diagnosis.force_balance.resolution import choose
 from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, tracks
@@ -34,7 +34,7 @@ IDS = (
 )  # fmt: skip
 
 
-def bench(xml, parts, noise, added=None, seed=0, sensor=np.inf):
+def bench(xml, parts, noise, added=None, seed=0, sensor=np.inf, lag=0.0):
     """Three training recordings and two held-out ones of smooth motion, with the forces that it needs with `parts`:
     [(effect, place, parameters)]; `added(q, v)` acts besides."""
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
@@ -47,7 +47,7 @@ def bench(xml, parts, noise, added=None, seed=0, sensor=np.inf):
         q, v, a = ((size * x).sum(1) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
         track = Track(name, t, q, v, a, np.full_like(v, 1e-4), np.zeros((t.size, ctx.model.nu)))
         force = needed(machine, track)
-        force = low_pass(force if added is None else force + added(q, v), t, sensor)
+        force = lagged(low_pass(force if added is None else force + added(q, v), t, sensor), t, lag)
         q = q + 1e-5 * rng.standard_normal(q.shape)
         out.append(Recording(name, t, q, None, None, force + noise * rng.standard_normal(force.shape)))
     return out
@@ -138,13 +138,39 @@ def test_a_filter_is_supposed_only_where_the_force_holds_nothing_above_it():
 
     def chosen(recordings):
         p = prepare(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1))
-        assert (min(resolution._possible(p)) < 5.0) == (recordings is filtered)
+        assert (min(resolution._filters(p)) < 5.0) == (recordings is filtered)
         plain = [Term(i, REGISTRY[i].places(p.ctx)[0]) for i in ("coulomb_friction", "viscous_damping")]
         return choose(p, plain)
 
     filtered = bench(PENDULUM, friction, 1e-5, sensor=2.0)
     assert chosen(bench(PENDULUM, friction, 1e-3)).sensor == np.inf
     assert chosen(filtered).sensor in (1.5, 2.0, 3.0)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.02])
+def test_forces_that_come_late_are_told_and_what_they_show_keeps_its_size(lag):
+    """Late gravity looks like damping, and late inertia like less of it."""
+    planted = [
+        ("coulomb_friction", "shoulder", [0.3]),
+        ("viscous_damping", "elbow", [0.15]),
+        ("armature", "shoulder", [0.1]),
+    ]
+    d = judged(MOTORS, bench(MOTORS, planted, 0.01, lag=lag))
+    assert any("come late" in w and "20 ms" in w for w in d.warnings) == (lag > 0.0)
+    assert named(d) == {f"{i}@{at}" for i, at, _ in planted}
+    values = {str(t): x for t, x in d.fit.hypothesis.split(d.ctx, d.fit.theta).items()}
+    for effect, at, theta in planted:
+        np.testing.assert_allclose(values[f"{effect}@{at}"], theta, rtol=0.05)
+
+
+def test_no_lag_is_supposed_of_forces_that_are_rough():
+    """Before a lag of 50 ms a force with quick steps would have been far larger than after it."""
+    recordings = bench(MOTORS, [("coulomb_friction", "shoulder", [2.0])], 0.01)
+    p = prepare(mujoco.MjSpec.from_string(MOTORS), recordings, Config(jobs=1, effects=IDS))
+    assert 0.05 not in resolution._lags(p) and resolution._lags(p)[0] == 0.0
+    smooth = bench(MOTORS, [], 0.0)
+    p = prepare(mujoco.MjSpec.from_string(MOTORS), smooth, Config(jobs=1, effects=IDS))
+    assert 0.02 in resolution._lags(p)
 
 
 def test_motion_below_a_frequency_is_that_of_the_recorded_velocities():
