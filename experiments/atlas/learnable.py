@@ -24,7 +24,7 @@ import tyro
 from experiments.atlas import page, record
 from experiments.atlas.machines import MACHINES
 from experiments.ending import exit_status
-from experiments.storage import versions
+from experiments.storage import commit
 from mpge_jax import files
 from mpge_jax.diagnosis import Diagnosis
 from mpge_jax.diagnosis.estimation.missing_force import probed
@@ -216,14 +216,14 @@ def main() -> int:
     def work() -> int:
         args = tyro.cli(Args, prog="python -m experiments.atlas.learnable", description=Args.__doc__)
         path = record.kept(args.docs, page.LEARNT)
-        kept = json.loads(path.read_text())["machines"] if path.is_file() else {}
+        kept = json.loads(path.read_text()) if path.is_file() else {}
         for key in args.machine:
             assert args.recordings is not None
             d = record.diagnosed(MACHINES[key], args.recordings, args.jobs)
-            kept[key] = learnt(d)
+            kept[key] = learnt(d) | {"commit": commit()}
             print(key, kept[key], flush=True)
             ordered = {name: kept[name] for name in MACHINES if name in kept}
-            files.write_text(path, json.dumps({"versions": versions(), "machines": ordered}, indent=1) + "\n")
+            files.write_text(path, json.dumps(ordered, indent=1) + "\n")
         return 0
 
     return exit_status("atlas.learnable", work)

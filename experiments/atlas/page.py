@@ -102,13 +102,13 @@ def _learnt(found: Mapping[str, Any]) -> list[str]:
         "there. *Residual*: error of the test recordings with the diagnosis's own functions of what is left, over that "
         "without (`-`: they did not help, and were dropped).",
         "",
-        f"`python -m experiments.atlas.learnable --recordings DIR`, commit {found['versions']['commit']}; "
-        "scikit-learn comes with the group `peers`.",
+        f"`python -m experiments.atlas.learnable --recordings DIR`, commit "
+        f"{', '.join(sorted({row['commit'] for row in found.values()}))}; scikit-learn comes with the group `peers`.",
         "",
         "| machine | left by the best learner, by joint or motor | residual |",
         "|---|---|--:|",
     ]
-    for key, row in found["machines"].items():
+    for key, row in found.items():
         left = ", ".join(f"{x:.2f}" for x in row["left"].values() if x is not None)
         residual = "-" if row["residual"] is None else f"{row['residual']:.2f}"
         lines.append(f"| [{MACHINES[key].title}](machines/{key}.md) | {left} | {residual} |")
