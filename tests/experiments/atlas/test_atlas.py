@@ -87,11 +87,8 @@ def test_a_fall_that_rounds_to_nothing_is_not_said(tmp_path):
 def test_what_learners_leave_is_told_where_it_was_measured(tmp_path):
     docs = docs_with(tmp_path, brfd=ROW)
     assert "learnt" not in page.text(docs)
-    found = {"left": {"rig": 0.904, "other": None, "more": 1.2}, "residual": None}
-    learnt = {
-        "versions": {"commit": "abc"},
-        "machines": {"brfd": found, "go2_legs": {**found, "residual": 0.456}},
-    }
+    found = {"left": {"rig": 0.904, "other": None, "more": 1.2}, "residual": None, "commit": "abc"}
+    learnt = {"brfd": found, "go2_legs": {**found, "residual": 0.456}}
     record.kept(docs, page.LEARNT).write_text(json.dumps(learnt))
     text = page.text(docs)
     assert "| [Friction damper with backlash](machines/brfd.md) | 0.90, 1.20 | - |" in text
