@@ -24,6 +24,9 @@ OVERESTIMATED = 1.5
 """How many times what is left the noise's estimate may be for that to pass as noise. Errors of windows scatter; beyond
 that something else, such as a rough command, was taken for noise."""
 
+PLAINLY = 2.0
+"""Times the noise from which on it is said how far an error is beyond it."""
+
 
 def _said(d: Result, f: Fitted, term: Term) -> str:
     """What an effect's sentence says; it may begin with the name of a place."""
@@ -101,11 +104,14 @@ def explanation(d: Result) -> str:
     if d.unexplained is not None:
         where = _listed(d.unexplained["at"]) or "machine"
         known = "Beyond that, something" if parts else "Something"
-        parts.append(
-            f"{known} acts at the {where} that no known effect explains: {d.unexplained['when']}. It makes up "
-            f"{100 * d.unexplained['share']:.0f} % of the squared error of the {d.unexplained['of']} that the model as "
-            "given predicts."
-        )
+        said = f"{known} acts at the {where} that no known effect explains: {d.unexplained['when']}."
+        # of an error of which nothing is explained, all of it says nothing
+        if parts:
+            said += (
+                f" It makes up {100 * d.unexplained['share']:.0f} % of the squared error of the "
+                f"{d.unexplained['of']} that the model as given predicts."
+            )
+        parts.append(said)
     if d.residual is not None:
         parts.append(_residual(d.residual, error_unit(d)))
     if not parts:
@@ -116,10 +122,16 @@ def explanation(d: Result) -> str:
         parts.append(_gain(d))
     if d.remainder > 0:
         parts.append(
-            f"A remainder of {100 * d.remainder:.2g} % of the squared error is more than noise; too slight to change "
-            "what is named."
+            f"A remainder of {100 * d.remainder:.2g} % of the squared error is more than noise"
+            f"{_beyond_noise(d)}; it is too slight to change what is named."
         )
     return " ".join(parts)
+
+
+def _beyond_noise(d: Result) -> str:
+    """How far the held-out error is beyond noise; nothing where that is not far."""
+    _, after, noise = before_after_noise(d.held)
+    return f" (the error is {times(noise, after)} what noise alone leaves)" if after > PLAINLY * noise else ""
 
 
 def _residual(r: ResidualModel, unit: str) -> str:
@@ -172,7 +184,10 @@ def times(before: float, after: float) -> str:
 def worse_without(drop: float) -> str:
     """How much larger the error is without an effect, the others kept, from the share of the squared error that goes
     with it (`error_drops`): '3.2 times'."""
-    return times(1.0, float(np.sqrt(max(1.0 - drop, 0.0)))) if drop >= 0 else "smaller"
+    if drop < 0:
+        return "smaller"
+    said = times(1.0, float(np.sqrt(max(1.0 - drop, 0.0))))
+    return "hardly larger" if said == "1 times" else said
 
 
 def effect_rows(table: dict[str, Any]) -> list[list[str]]:

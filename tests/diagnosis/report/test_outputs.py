@@ -185,6 +185,16 @@ def test_candidates_are_told_in_one_sentence():
     assert explanation(d).startswith("The hinge has dry friction")
     d.error_drop = {friction: np.nan, payload: 0.5}
     assert explanation(d).startswith("Arm carries")
+    # how far a remainder is beyond noise is said where it is far
+    d.remainder = 0.017
+    assert "1.7 % of the squared error is more than noise; it is too slight" in explanation(d)
+    d.held.after, d.held.floor = SimpleNamespace(rms=0.2), 0.01
+    assert "more than noise (the error is 20 times what noise alone leaves); it is too" in explanation(d)
+    # a share of the error is said where something is explained
+    d.remainder, d.unexplained = 0.0, {"at": ["hinge"], "when": "always", "share": 0.3, "of": "motion"}
+    assert "Beyond that, something acts at the hinge" in explanation(d) and "makes up 30 %" in explanation(d)
+    d.terms, d.fit = (), NOTHING
+    assert explanation(d) == "Something acts at the hinge that no known effect explains: always."
 
 
 def test_window_errors_leave_out_what_was_not_measured():
@@ -205,7 +215,7 @@ def test_components_of_a_vector_have_hardly_more_decimals_than_the_largest():
 
 def test_the_worth_of_an_effect_is_the_error_without_it():
     assert worse_without(0.75) == "2 times" and worse_without(1.0) == "more than 1000 times"
-    assert worse_without(-0.1) == "smaller"
+    assert worse_without(-0.1) == "smaller" and worse_without(0.001) == "hardly larger"
 
 
 def test_changed_lines_of_a_model_are_shown():
