@@ -2,8 +2,9 @@
 
 python -m experiments.results.grounded_returns results/BrokenHopper-standard
 
-An agent that returns more in its grounded simulator than in the target has learned from what is wrong there. Reads the
-agents and transformers that the cells of a sweep left, and writes grounded_returns.json into its folder.
+An agent that returns more in its grounded simulator than in the target has learned from what is wrong there. How far
+the transformers are from the target where the agents go is told too, where that is known. Reads the agents and
+transformers that the cells of a sweep left, and writes grounded_returns.json into its folder.
 """
 
 import json
@@ -26,9 +27,10 @@ from experiments.methods.grounded import grounded
 from experiments.results.sweeps import order, read_json
 from experiments.storage import SweepFolder, versions
 from mpge_jax import files
+from mpge_jax.grounding import transform_error
 from mpge_jax.grounding.grounded_env import GroundedEnv
 from mpge_jax.grounding.transformer import Transformer
-from mpge_jax.learning import agent
+from mpge_jax.learning import agent, sac
 from mpge_jax.rollouts.policies import PolicySet
 
 NAME = "grounded_returns"
@@ -47,26 +49,41 @@ class Args:
 
 
 def returns(
-    key: jax.Array, source: envs.Env, agents: PolicySet, transformers: Transformer, episodes: int
+    key: jax.Array,
+    source: envs.Env,
+    truth: transform_error.Truth | None,
+    agents: PolicySet,
+    transformers: Transformer,
+    episodes: int,
 ) -> dict[str, list[float]]:
-    """Mean returns of S agents, stochastic as in the tables, in the simulator as it is and grounded.
+    """Mean returns of S agents, stochastic as in the tables, in the simulator as it is and grounded; and the mean
+    action-transformation error where they go, if the `truth` is known.
 
     Args:
       transformers: of each agent's ensemble, every leaf `[S, N, ...]`.
     """
 
-    def both(key: jax.Array, actor: Any, members: Transformer) -> tuple[jax.Array, jax.Array]:
-        plain = agent.evaluate(key, source, actor, episodes, True)
-        return plain.mean(), agent.evaluate(key, GroundedEnv(source, members), actor, episodes, True).mean()
+    def each(key: jax.Array, actor: sac.Actor, members: Transformer) -> dict[str, jax.Array]:
+        there = GroundedEnv(source, members)
+        found = {
+            name: agent.evaluate(key, env, actor, episodes, True).mean()
+            for name, env in (("simulator", source), ("grounded", there))
+        }
+        if truth is not None:
+            act = lambda obs, key: sac.act(actor, obs, key)  # noqa: E731
+            errors = jax.vmap(lambda pi_g: transform_error.in_rollouts(key, pi_g, source, truth, act=act))
+            found["error"] = errors(members).mean()
+        return found
 
-    plain, there = jax.jit(jax.vmap(both))(jax.random.split(key, agents.size), agents.actor, transformers)
-    return {"simulator": np.asarray(plain).tolist(), "grounded": np.asarray(there).tolist()}
+    found = jax.jit(jax.vmap(each))(jax.random.split(key, agents.size), agents.actor, transformers)
+    return {name: np.asarray(values).tolist() for name, values in found.items()}
 
 
 def measured(folder: Path, episodes: int) -> dict[str, Any]:
     """The returns of every cell of a sweep that has transformers and agents, and what they are of."""
     identity = read_json(folder / "sweep.json")["identity"]
     source = envs.make(envs.source_of(identity["task"]), identity["backend"], identity["dynamics"])
+    truth = transform_error.truth_of(envs.make(identity["task"], identity["backend"], identity["dynamics"]))
     sweep, cells = SweepFolder(folder, identity), {}
     for method, samples in sorted({(row["method"], row["samples"]) for row in sweep.rows()}, key=order):
         transformers, agents = sweep.transformers(method, samples), sweep.agents(method, samples)
@@ -74,7 +91,7 @@ def measured(folder: Path, episodes: int) -> dict[str, Any]:
         if transformers is None or agents is None or METHODS[method].work is not grounded:
             continue
         key = jax.random.key(zlib.crc32(f"grounded returns/{method}/{samples}".encode()))
-        cells[f"{method}-{samples}"] = returns(key, source, agents, transformers, episodes)
+        cells[f"{method}-{samples}"] = returns(key, source, truth, agents, transformers, episodes)
     return {"task": identity["task"], "episodes": episodes, "versions": versions(), "cells": cells}
 
 

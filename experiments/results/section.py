@@ -103,21 +103,27 @@ def returns_table(sweep: Sweep) -> list[str]:
     record = sweep.grounded_returns
     if record is None:
         return []
+    known = all("error" in found for found in record["cells"].values())
     lines = [
         "",
         f"What the same agents return in the simulator as it is and in the grounded one that they were trained in, "
-        f"stochastic, mean ± standard deviation over seeds, {record['episodes']} episodes each (`python -m "
-        f"experiments.results.grounded_returns results/{sweep.name}`, where the sweep left its agents; commit "
-        f"{record['versions']['commit']}). More in the grounded simulator than in the target was learned from what "
-        "is wrong there:",
+        f"stochastic, mean ± standard deviation over seeds, {record['episodes']} episodes each"
+        + (", and the action-transformation error where they go" if known else "")
+        + f" (`python -m experiments.results.grounded_returns results/{sweep.name}`, where the sweep left its agents; "
+        f"commit {record['versions']['commit']}). More in the grounded simulator than in the target was learned from "
+        "what is wrong there:",
         "",
-        "| cell | simulator | grounded | target |",
-        "|---|--:|--:|--:|",
+        f"| cell | simulator | grounded | target |{' error |' if known else ''}",
+        f"|---|--:|--:|--:|{'--:|' if known else ''}",
     ]
     for name, found in record["cells"].items():
         rows = [row for row in sweep.rows if f"{row['method']}-{row['samples']}" == name]
-        told = (found["simulator"], found["grounded"], [row["return_stochastic"] for row in rows])
-        lines.append(f"| {name} | {' | '.join(map(report.spread, told))} |")
+        told = [
+            report.spread(values)
+            for values in (found["simulator"], found["grounded"], [row["return_stochastic"] for row in rows])
+        ]
+        told += [report.spread(found["error"], 3)] if known else []
+        lines.append(f"| {name} | {' | '.join(told)} |")
     return lines
 
 

@@ -51,16 +51,24 @@ def test_right_transformers_give_the_targets_returns_and_idle_ones_the_simulator
     assert found["grounded"][0] == pytest.approx(there, rel=0.15)
     assert abs(found["simulator"][0] / there - 1.0) > 0.3
     assert found["grounded"][1] == pytest.approx(found["simulator"][1], rel=0.15)
+    # doing nothing misses 1.5 where the limit of the action does not cut that off
+    assert found["error"][0] == pytest.approx(0.0, abs=1e-5) and 0.5 < found["error"][1] <= 1.5
 
 
 def test_the_page_sets_them_beside_the_target(folder: Path, capsys, monkeypatch):
     monkeypatch.setattr("sys.argv", ["grounded_returns", str(folder), "--episodes", "2"])
     assert grounded_returns.main() == 0
     record = json.loads((folder / "grounded_returns.json").read_text())
-    record["cells"]["MPGE-MS-500"] = {"simulator": [10.0, 20.0], "grounded": [40.0, 40.0]}
+    found = {"simulator": [10.0, 20.0], "grounded": [40.0, 40.0]}
+    record["cells"]["MPGE-MS-500"] = {**found, "error": [0.1, 0.3]}
     (folder / "grounded_returns.json").write_text(json.dumps(record))
     text = results.page(results.Args((folder,), folder.parent / "docs" / "results.md"))
-    assert "2 episodes each" in text and "| MPGE-MS-500 | 15 ± 7 | 40 ± 0 | 5 ± 3 |" in text
+    assert "2 episodes each" in text and "| MPGE-MS-500 | 15 ± 7 | 40 ± 0 | 5 ± 3 | 0.200 ± 0.141 |" in text
+    # of a target that is no change of actions no error is known
+    record["cells"]["MPGE-MS-500"] = found
+    (folder / "grounded_returns.json").write_text(json.dumps(record))
+    text = results.page(results.Args((folder,), folder.parent / "docs" / "results.md"))
+    assert "| MPGE-MS-500 | 15 ± 7 | 40 ± 0 | 5 ± 3 |\n" in text
     (folder / "grounded_returns.json").write_text("{}")
     with pytest.raises(ValueError, match="not what grounded_returns writes"):
         results.page(results.Args((folder,), folder.parent / "docs" / "results.md"))
