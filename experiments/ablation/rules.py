@@ -25,7 +25,7 @@ from experiments.ablation.gates import (
     within,
 )
 from mpge_jax.diagnosis.evidence.scored import evidence
-from mpge_jax.diagnosis.thresholds import SURE
+from mpge_jax.diagnosis.thresholds import SURE, USUALLY
 
 CRITERIA, COMPETITION = "selection.criteria", "selection.competition"
 ALTERNATIVES = "selection.alternatives"
@@ -213,6 +213,14 @@ GATES = (
         lambda answer, _p, _s, f, _say: answer[0] is not f,
     ),
     Gate(
+        "adding",
+        "effects with which far more force is missing than without go",
+        ("SURELY", "LARGER", "USUALLY"),
+        "selection.confirmation:_adds",
+        fixed(0.0),
+        lambda answer, *_args: answer > USUALLY,
+    ),
+    Gate(
         "chosen by others",
         "effects that recordings for choosing do not gain by go",
         ("SURE",),
@@ -286,7 +294,7 @@ def gate(name: str) -> Gate:
 WORK = {
     "selection.all_joints": ("ITERATIONS",),
     "selection.competition": ("KEEP", "KEEP_OF_MANY"),
-    "selection.confirmation": ("ITERATIONS",),
+    "selection.confirmation": ("ITERATIONS", "SHORT"),
     "selection.forward_selection": ("REST",),
     "selection.procedure": ("REFINED",),
     "selection.search_state": ("MANY", "WORK"),

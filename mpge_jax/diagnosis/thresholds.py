@@ -52,6 +52,11 @@ ELSEWHERE_FROM, MANY_ELSEWHERE = 1.3, 0.5
 """Relative chi^2 of a window from which on it may start elsewhere than estimated, where things strike each other; and
 the share of such windows from which on something is missing instead."""
 
+# whether an effect adds to the force that is missing
+SURELY, LARGER, USUALLY = 3.0, 2.0, 0.5
+"""Standard errors from which on a force is missing in a window; how many times as large with the effect as without it
+it must be; and the share of the windows from which on that is the usual case."""
+
 # the verdict
 FAR = 10.0
 """Times what noise and other steps than the model's leave from which on an error is not nothing, whatever the search

@@ -93,13 +93,13 @@ def errors_without(p: Prepared, f: Fitted, report: FitReport) -> dict[Term, Erro
     return {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), report.windows, p.noise) for t in h.terms}
 
 
-def left_out(gone: list[Term]) -> list[str]:
-    """What is said of effects that do not help recordings which nothing was fitted to; nothing where there are none."""
+BY_CHANCE = "some recordings speak for it, but others are not predicted better with it by more than chance"
+
+
+def left_out(gone: list[Term], why: str = BY_CHANCE) -> list[str]:
+    """What is said of effects that were found and are not reported; nothing where there are none."""
     gone = [t for t in gone if t.effect.named]
     if not gone:
         return []
     listed = ", ".join(f"{t.name.replace('_', ' ')} at {t.place.name}" for t in gone)
-    return [
-        f"{listed}: some recordings speak for it, but others are not predicted better with it by more than chance; it "
-        "is left out."
-    ]
+    return [f"{listed}: {why}; it is left out."]

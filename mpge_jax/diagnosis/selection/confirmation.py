@@ -8,16 +8,47 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
+from mpge_jax.diagnosis.estimation.missing_force import probed
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
-from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report, judged
+from mpge_jax.diagnosis.estimation.whitening import whitener
+from mpge_jax.diagnosis.evidence.held_out_error import (
+    WINDOWS,
+    FitReport,
+    errors_without,
+    fit_report,
+    judged,
+    left_out,
+)
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, LARGER, SURELY, USUALLY
 
+Array = np.ndarray
 ITERATIONS = 4
+SHORT = 0.12
+"""Length (s) of the windows in each of which one force is told."""
+ADDS = "with it the machine would need more force than without it to move as it did"
 
 
 def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, FitReport, list[Term]]:
+    """The fit without the effects that one part's recordings speak against or do not need; with its errors there, and
+    those effects, of which warnings tell."""
+    f, adding = _without_what_adds(p, s, f, part)
+    f, report, needless = _needed(p, s, f, part)
+    while needless:
+        # what is left is another fit, and may add now
+        f, more = _without_what_adds(p, s, f, part)
+        if not more:
+            break
+        f, report, gone = _needed(p, s, f, part)
+        adding, needless = adding + more, needless + gone
+    p.warnings += left_out(adding, ADDS) + left_out(needless)
+    return f, report, adding + needless
+
+
+def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, FitReport, list[Term]]:
     """The fit without the effects that do not make one part's recordings better predicted, over windows of the reported
     length, beyond doubt; with its errors there, and those effects.
 
@@ -43,6 +74,36 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
         gone += f.hypothesis.terms
         f, report = NOTHING, fit_report(p, NOTHING, part)
     return f, report, gone
+
+
+def _without_what_adds(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, list[Term]]:
+    """The fit without the effects that add to the force which is missing, and these: whatever holds a machine where it
+    is, such as far too much inertia, predicts one better that would fly away without what is really there."""
+    gone: list[Term] = []
+    w = p.windows(part, SHORT, WINDOWS[part], seed=1)
+    while f.hypothesis.named and w.count >= ENOUGH_WINDOWS:
+        shares = {t: _adds(p, f, t, w) for t in f.hypothesis.named}
+        worst = max(shares, key=lambda t: shares[t])
+        if shares[worst] <= USUALLY:
+            break
+        gone.append(worst)
+        f = _refitted(s, f.of_terms(p.ctx, f.hypothesis.without(worst)))
+    return f, gone
+
+
+def _adds(p: Prepared, f: Fitted, term: Term, w: Windows) -> float:
+    """Share of the windows in which far more force is missing with an effect than without it, and more than measurement
+    leaves open, at the degree of freedom where that is so most often."""
+    without = f.of_terms(p.ctx, f.hypothesis.without(term))
+    (left, unsure), (before, _) = (_missing(p, x, w) for x in (f, without))
+    more = (left > SURELY * unsure) & (left > LARGER * before)
+    return float(more.mean(0).max())
+
+
+def _missing(p: Prepared, f: Fitted, w: Windows) -> tuple[Array, Array]:
+    """Size of the force that every window lacks at every degree of freedom, and its standard error, [W, nv] each."""
+    found = probed(p.sim, f, w, whitener(p.sim, f.hypothesis, f.theta, w, p.noise, temper=False))
+    return np.abs(found.by_dof()[1]), found.unsure()
 
 
 def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:

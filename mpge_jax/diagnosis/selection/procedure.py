@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inertias
-from mpge_jax.diagnosis.evidence.held_out_error import FitReport, left_out
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
@@ -53,7 +53,6 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
             noise, left = _left(p, s, f)
     f, _, gone = confirmed(p, s, f, "choice")
     if gone:
-        p.warnings += left_out(gone)
         rivals = {t: r for t, r in rivals.items() if t in f.hypothesis.terms}
         noise, left = _left(p, s, f)
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
@@ -67,7 +66,6 @@ def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport
     """What was found, without what the test recordings are predicted no better with; and the errors there."""
     f, report, gone = confirmed(p, s, found.fit, "test")
     if gone:
-        p.warnings += left_out(gone)
         rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
         found = Decision(f, rivals, *_left(p, s, f))
     return replace(found, fit=_with_what_masses_leave_open(p, s, found)), report

@@ -56,6 +56,7 @@ def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
     monkeypatch.setattr(confirmation, "fit_report", report)
     monkeypatch.setattr(confirmation, "errors_without", without)
     monkeypatch.setattr(confirmation, "_refitted", lambda s, f: f)
+    monkeypatch.setattr(confirmation, "_adds", lambda p, f, term, w: 0.0)
 
 
 def test_what_many_explain_a_little_is_not_given_up_one_by_one(rubbing, monkeypatch):
@@ -82,3 +83,16 @@ def test_what_harms_is_no_measure_of_what_is_missed(rubbing, monkeypatch):
     )
     f, _, gone = confirmed(p, s, fitted(s, {t: [0.1] for t in (*terms, GAIN)}), "test")
     assert gone[0] == GAIN and len(gone) == 2 and len(f.hypothesis.terms) == 2
+
+
+def test_what_holds_a_machine_where_it_is_adds_to_the_missing_force_and_goes(rubbing):
+    """The truth is dry friction of 0.1 N m; far too much inertia would need forces that nobody gave."""
+    s, p = rubbing
+    w = p.windows("choice", confirmation.SHORT, WINDOWS, seed=1)
+    inertia = 30.0
+    heavy = fitted(s, {ARMATURE: [inertia]})
+    assert confirmation._adds(p, heavy, ARMATURE, w) > 0.8
+    assert confirmation._adds(p, fitted(s, {COULOMB: [0.1]}), COULOMB, w) < 0.05
+    f, _, gone = confirmed(p, s, fitted(s, {COULOMB: [0.1], ARMATURE: [inertia]}), "choice")
+    assert gone == [ARMATURE] and f.theta == pytest.approx([0.1], rel=0.1)
+    assert "armature at " in p.warnings[-1] and confirmation.ADDS in p.warnings[-1]
