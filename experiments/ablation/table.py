@@ -59,16 +59,25 @@ the 13 single effects of machines whose given masses are off by 3 %, in `build -
 --triples 0 --unknown 0 --nulls 10 --mixed 6 --whole 6 --lifelike`, with and without it: answers right 10 and 9,
 certain wrong names none and one, true parameters within their intervals 18 of 19 and 14 of 19.
 
+Last came that an effect goes with which far more force is missing than without (`adding`): on an arm with springs that
+are in no vocabulary, far too much inertia was named with a remainder of 36 times the noise, and on another one uneven
+friction; without them the function that models what is left brings the second one's held-out error down 150 times. In
+18 other diagnoses that were watched (building cases, machines of another author, two public ones) the usual missing
+force with an effect was at most 1.35 times that without it; with those effects it was 30 times and more.
+
 Tried and not kept: ranks in place of a mean that is in doubt (two windows slip, the others differ by next to nothing:
 a certain wrong answer); searching longer windows also where the shorter ones leave nothing (four cases, no answer
 better); functions of what is left that depend on how far a joint went since it turned (on brfd, kinova_gen3 and
 panda_bag, no steady gain on test recordings); weak or late drives of all joints at once, beside friction, damping
 and rotor inertia. Weak drives together imitate a mass (on two of six arms that lack something in every joint the
-names became wrong), and delays of all drives are, in a log, those of all sensors.
+names became wrong), and delays of all drives are, in a log, those of all sensors. Where the motion is given: factors of
+given masses as a candidate (never chosen on kinova_gen3, panda_bag and ur10_bag: on stretches that were not fitted to
+the ratio was against them), and that any chosen effect may give way to a rival that predicts better (on kinova_gen3
+the test error rose from 0.62 to 0.75 N m).
 """
 
 
-LATER = ("face value",)
+LATER = ("face value", "adding")
 """Rules that came after these cases were diagnosed: what they did is told in words."""
 
 
