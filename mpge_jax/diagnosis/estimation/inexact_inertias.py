@@ -23,14 +23,14 @@ def beside_inexact_inertias(sim: Simulator, f: Fitted, w: Windows, white: Whiten
 
     They are fitted once more together with a factor for each, which is 1 within a deviation of `share`.
     """
-    start = freed(sim.ctx, f, share)
+    start = with_free_inertias(sim.ctx, f, share)
     if start is None:
         return f
     alone, free = fit(sim, [f, start], w, white, iterations=ITERATIONS)
-    return held(sim.ctx, f, alone, free, share)
+    return as_wide_as(sim.ctx, f, alone, free, share)
 
 
-def freed(ctx: Context, f: Fitted, share: float) -> Fitted | None:
+def with_free_inertias(ctx: Context, f: Fitted, share: float) -> Fitted | None:
     """`f` with a factor of one for every mass and inertia; None where there is nothing to widen, or it has them."""
     given = given_inertias(share)
     if not share or not f.theta.size or not f.cov.size or given in f.hypothesis.terms:
@@ -40,7 +40,7 @@ def freed(ctx: Context, f: Fitted, share: float) -> Fitted | None:
     return Fitted(h, theta, centre)
 
 
-def held(ctx: Context, f: Fitted, alone: Fitted, free: Fitted, share: float) -> Fitted:
+def as_wide_as(ctx: Context, f: Fitted, alone: Fitted, free: Fitted, share: float) -> Fitted:
     """`f` with intervals that hold what the factors leave open: what they add to a parameter's variance, or how far the
     parameter goes with them where that is more.
 

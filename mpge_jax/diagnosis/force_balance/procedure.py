@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.candidates import all_terms, compatible, plain_f
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.inexact_inertias import freed, held
+from mpge_jax.diagnosis.estimation.inexact_inertias import as_wide_as, with_free_inertias
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank, Entry
 from mpge_jax.diagnosis.force_balance.force_search import Chosen, ForceSearch, Found
@@ -108,11 +108,11 @@ def without(ctx: Context, parts: dict[Term, Array], term: Term) -> dict[Term, Ar
 
 def beside_inexact_inertias(b: Balance, f: Fitted, share: float) -> Fitted:
     """`f` with intervals that hold what masses and inertias that are off by `share` leave open."""
-    start = freed(b.ctx, f, share)
+    start = with_free_inertias(b.ctx, f, share)
     if start is None:
         return f
     free = polished(b, start.hypothesis.split(b.ctx, start.theta))
-    return held(b.ctx, f, f, free, share)
+    return as_wide_as(b.ctx, f, f, free, share)
 
 
 def sureness(b: Balance, f: Fitted, term: Term) -> float:
