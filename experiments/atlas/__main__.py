@@ -12,7 +12,7 @@ from typing import Annotated
 import tyro
 
 from experiments.atlas import page, record
-from experiments.atlas.machines import MACHINES
+from experiments.atlas.machines import MACHINES, check_known
 from experiments.ending import exit_status
 
 
@@ -35,9 +35,7 @@ class Args:
 
 def check(args: Args) -> None:
     """Raises ValueError, one sentence, for what cannot be done."""
-    for key in args.machine:
-        if key not in MACHINES:
-            raise ValueError(f"--machine {key} is not known (allowed: {', '.join(MACHINES)})")
+    check_known(args.machine)
     if args.jobs < 1:
         raise ValueError(f"--jobs must be at least 1, got {args.jobs}")
 

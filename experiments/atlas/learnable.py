@@ -22,13 +22,12 @@ import numpy as np
 import tyro
 
 from experiments.atlas import page, record
-from experiments.atlas.machines import MACHINES
+from experiments.atlas.machines import MACHINES, check_known
 from experiments.ending import exit_status
 from experiments.storage import commit
 from mpge_jax import files
 from mpge_jax.diagnosis import Diagnosis
-from mpge_jax.diagnosis.estimation.missing_force import probed
-from mpge_jax.diagnosis.estimation.whitening import whitener
+from mpge_jax.diagnosis.estimation.missing_force import missing
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.recordings.three_parts import Part
 
@@ -56,9 +55,7 @@ class Args:
     docs: Annotated[Path, tyro.conf.arg(help="the folder of the documentation")] = Path("docs")
 
     def __post_init__(self) -> None:
-        for key in self.machine:
-            if key not in MACHINES:
-                raise ValueError(f"--machine {key} is not known (allowed: {', '.join(MACHINES)})")
+        check_known(self.machine)
         if self.recordings is None or not self.recordings.is_dir():
             raise ValueError("--recordings is no folder; give the one with the machines' recordings")
 
@@ -103,9 +100,7 @@ def of_motion(d: Diagnosis, part: Part) -> Missing:
         w = p.windows(part, length, MOST[part])
         if not w.count:
             continue
-        noise = whitener(p.sim, d.fit.hypothesis, d.fit.theta, w, p.noise, temper=False)
-        found = probed(p.sim, d.fit, w, noise)
-        force, unsure = found.by_dof()[1], found.unsure()
+        force, unsure = missing(p.sim, d.fit, w, p.noise)
         middle = w.start + 0.5 * w.times.max(1)
         at = [
             along[s][np.searchsorted(sources[s].recording.time[:-1], t)]
@@ -113,10 +108,10 @@ def of_motion(d: Diagnosis, part: Part) -> Missing:
         ]
         commands = list(range(history_size(p.model), along[0].shape[1]))
         own = [[*of_dof(p.model, dof), *commands] for dof in range(p.model.nv)]
-        missing = Missing(np.array(at), force, unsure, own)
+        found = Missing(np.array(at), force, unsure, own)
         if np.median(unsure / np.maximum(force.std(0), 1e-12)) < FINE:
             break
-    return missing
+    return found
 
 
 def history(time: Array, q: Array, v: Array) -> Array:

@@ -1,5 +1,6 @@
 """The public machines: where their recordings lie, what their makers know of them, and what a plain fit reached."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -133,3 +134,10 @@ MACHINES = {
         ),
     )
 }
+
+
+def check_known(keys: Iterable[str]) -> None:
+    """Raises ValueError, one sentence, for a machine that is not in the list."""
+    for key in keys:
+        if key not in MACHINES:
+            raise ValueError(f"--machine {key} is not known (allowed: {', '.join(MACHINES)})")

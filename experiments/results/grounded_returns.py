@@ -7,7 +7,6 @@ the transformers are from the target where the agents go is told too, where that
 transformers that the cells of a sweep left, and writes grounded_returns.json into its folder.
 """
 
-import json
 import sys
 import zlib
 from dataclasses import dataclass
@@ -22,11 +21,8 @@ from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs
 from experiments.ending import exit_status
-from experiments.methods import METHODS
-from experiments.methods.grounded import grounded
-from experiments.results.sweeps import order, read_json
+from experiments.results.sweeps import grounded_cells, keep_measured, read_json
 from experiments.storage import SweepFolder, versions
-from mpge_jax import files
 from mpge_jax.grounding import transform_error
 from mpge_jax.grounding.grounded_env import GroundedEnv
 from mpge_jax.grounding.transformer import Transformer
@@ -85,10 +81,9 @@ def measured(folder: Path, episodes: int) -> dict[str, Any]:
     source = envs.make(envs.source_of(identity["task"]), identity["backend"], identity["dynamics"])
     truth = transform_error.truth_of(envs.make(identity["task"], identity["backend"], identity["dynamics"]))
     sweep, cells = SweepFolder(folder, identity), {}
-    for method, samples in sorted({(row["method"], row["samples"]) for row in sweep.rows()}, key=order):
-        transformers, agents = sweep.transformers(method, samples), sweep.agents(method, samples)
-        # what was learned in a corrected simulator does not belong before the plain one
-        if transformers is None or agents is None or METHODS[method].work is not grounded:
+    for method, samples, transformers in grounded_cells(sweep):
+        agents = sweep.agents(method, samples)
+        if agents is None:
             continue
         key = jax.random.key(zlib.crc32(f"grounded returns/{method}/{samples}".encode()))
         cells[f"{method}-{samples}"] = returns(key, source, truth, agents, transformers, episodes)
@@ -101,9 +96,7 @@ def main() -> int:
     def work() -> int:
         args = tyro.cli(Args, prog="python -m experiments.results.grounded_returns", description=Args.__doc__)
         record = measured(args.folder, args.episodes)
-        if not record["cells"]:
-            raise ValueError(f"no cell of {args.folder} has transformers; run a method that grounds.")
-        files.write_text(args.folder / f"{NAME}.json", json.dumps(record, indent=1))
+        keep_measured(args.folder, NAME, record)
         print(f"written: {args.folder / NAME}.json")
         return 0
 

@@ -5,7 +5,6 @@ python -m experiments.results.heat_map results/BrokenCheetah-standard
 Reads the transformers that the cells of a sweep left, and writes heat_map.json and heat_map.png into its folder.
 """
 
-import json
 import sys
 import zlib
 from dataclasses import dataclass
@@ -26,11 +25,9 @@ import matplotlib.pyplot as plt
 import envs
 from experiments.ending import exit_status
 from experiments.methods import METHODS
-from experiments.methods.grounded import grounded
 from experiments.report import save_figure
-from experiments.results.sweeps import order, read_json
+from experiments.results.sweeps import grounded_cells, keep_measured, read_json
 from experiments.storage import SweepFolder, versions
-from mpge_jax import files
 from mpge_jax.grounding import transform_error
 from mpge_jax.grounding.transformer import Transformer
 from mpge_jax.learning import sac
@@ -94,12 +91,7 @@ def measured(folder: Path, steps: int) -> dict[str, Any]:
     coefficient = identity["preset"]["entropy_coefficient"]
     sweep = SweepFolder(folder, identity)
     cells = {}
-    done = {(row["method"], row["samples"]) for row in sweep.rows()}
-    for method, samples in sorted(done, key=order):
-        made = sweep.transformers(method, samples)
-        # what was learned in a corrected simulator does not belong before the plain one
-        if made is None or METHODS[method].work is not grounded:
-            continue
+    for method, samples, made in grounded_cells(sweep):
         driving, _ = policies.shipped(source_name, METHODS[method].kind, coefficient)
         flat = jax.tree.map(lambda x: jnp.reshape(x, (-1, *x.shape[2:])), made)
         key = jax.random.key(zlib.crc32(f"heat map/{method}/{samples}".encode()))
@@ -152,9 +144,7 @@ def main() -> int:
     def work() -> int:
         args = tyro.cli(Args, prog="python -m experiments.results.heat_map", description=Args.__doc__)
         record = measured(args.folder, args.steps)
-        if not record["cells"]:
-            raise ValueError(f"no cell of {args.folder} has transformers; run a method that grounds.")
-        files.write_text(args.folder / f"{NAME}.json", json.dumps(record, indent=1))
+        keep_measured(args.folder, NAME, record)
         draw(record, args.folder / f"{NAME}.png")
         print(f"written: {args.folder / NAME}.json and .png")
         return 0

@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,10 @@ from typing import Any
 import numpy as np
 
 from experiments.methods import METHODS
+from experiments.methods.grounded import grounded
+from experiments.storage import SweepFolder
+from mpge_jax import files
+from mpge_jax.grounding.transformer import Transformer
 from mpge_jax.loop import Curve
 
 PICTURES = {
@@ -109,6 +114,26 @@ def read_sweep(folder: Path) -> Sweep:
         raise ValueError(
             f"{folder / 'results.json'} is not what a sweep writes: {error} is missing"
         ) from error
+
+
+def keep_measured(folder: Path, name: str, record: dict[str, Any]) -> None:
+    """Keeps what a command of that name measured of a sweep.
+
+    Raises:
+      ValueError: there was no cell to measure.
+    """
+    if not record["cells"]:
+        raise ValueError(f"no cell of {folder} has transformers; run a method that grounds.")
+    files.write_text(folder / f"{name}.json", json.dumps(record, indent=1))
+
+
+def grounded_cells(sweep: SweepFolder) -> Iterator[tuple[str, int, Transformer]]:
+    """Method, samples and transformers `[S, N, ...]` of every cell that has some, but for those that were learned in a
+    corrected simulator, which do not belong before the plain one."""
+    for method, samples in sorted({(row["method"], row["samples"]) for row in sweep.rows()}, key=order):
+        made = sweep.transformers(method, samples)
+        if made is not None and METHODS[method].work is grounded:
+            yield method, samples, made
 
 
 def _measured(folder: Path, name: str, amount: str) -> dict[str, Any] | None:

@@ -47,11 +47,8 @@ def as_wide_as(ctx: Context, f: Fitted, alone: Fitted, free: Fitted, share: floa
     Args:
         alone: `f`, fitted once more without the factors. free: with them.
     """
-    own = np.delete(np.arange(free.theta.size), free.hypothesis.slices(ctx)[_index(free, share)])
+    h = free.hypothesis
+    own = np.delete(np.arange(free.theta.size), h.slices(ctx)[h.terms.index(given_inertias(share))])
     more = np.maximum(np.diag(free.cov)[own] - np.diag(alone.cov), 0.0)
     moved = free.theta[own] - alone.theta
     return replace(f, cov=widened(f.cov, np.sqrt(np.maximum(more, moved**2))))
-
-
-def _index(free: Fitted, share: float) -> int:
-    return free.hypothesis.terms.index(given_inertias(share))

@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.whitening import Whitener
+from mpge_jax.diagnosis.estimation.whitening import Whitener, whitener
 from mpge_jax.diagnosis.machine.model import floating_base_joints
+from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.windows import Windows
 
@@ -72,6 +73,12 @@ def probed(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Probed:
     columns = np.moveaxis(flat[1:] - flat[0], 0, -1)  # [W, M, nv]
     gram = np.einsum("wmi,wmj->wij", columns, columns) + 1e-12 * np.eye(nv)
     return Probed(gram, -np.einsum("wmi,wm->wi", columns, flat[0]), scale)
+
+
+def missing(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> tuple[Array, Array]:
+    """The constant force that every window lacks at every degree of freedom, and its standard error, [W, nv] each."""
+    found = probed(sim, f, w, whitener(sim, f.hypothesis, f.theta, w, noise, temper=False))
+    return found.by_dof()[1], found.unsure()
 
 
 def excess_by_dof(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> tuple[Array, Array]:

@@ -96,10 +96,10 @@ def fitted(bank: Bank, parts: dict[Term, Array]) -> Fitted:
             return f
         # one at a time, the most elaborate first: of two that are hard to tell apart, neither may seem sure
         unsure = [t for t in sure if sure[t] <= SOMETHING]
-        parts = without(b.ctx, parts, min(unsure, key=lambda t: (-t.effect.tier, sure[t])))
+        parts = leaving_plain(b.ctx, parts, min(unsure, key=lambda t: (-t.effect.tier, sure[t])))
 
 
-def without(ctx: Context, parts: dict[Term, Array], term: Term) -> dict[Term, Array]:
+def leaving_plain(ctx: Context, parts: dict[Term, Array], term: Term) -> dict[Term, Array]:
     """The others, and in the place of a law of friction the plainer ones that it contains."""
     rest = {t: x for t, x in parts.items() if t != term}
     plain, others = plain_form(ctx, term, parts[term]), Hypothesis.of(*rest)

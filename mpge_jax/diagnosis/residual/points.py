@@ -9,8 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.residual import driven_by, residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.missing_force import probed
-from mpge_jax.diagnosis.estimation.whitening import whitener
+from mpge_jax.diagnosis.estimation.missing_force import missing
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.residual.inputs import values_along, values_of
 from mpge_jax.diagnosis.residual.model import Function
@@ -57,11 +56,10 @@ def missing_in_motion(p: Prepared, f: Fitted, function: Function) -> Points:
             )
             for name in names
         )
-        missing = probed(p.sim, f, w, whitener(p.sim, f.hypothesis, f.theta, w, p.noise, temper=False))
-        unsure = missing.unsure()[:, dof]
+        force, unsure = (x[:, dof] for x in missing(p.sim, f, w, p.noise))
         usual = float(np.median(unsure))
         sure = unsure < ODD * usual
-        found = Points(missing.by_dof()[1][sure, dof], tuple(x[sure] for x in inputs))
+        found = Points(force[sure], tuple(x[sure] for x in inputs))
         if usual < FINE * np.std(effect.value(np, function.theta, list(inputs))):
             break
     return found

@@ -8,9 +8,8 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
-from mpge_jax.diagnosis.estimation.missing_force import probed
+from mpge_jax.diagnosis.estimation.missing_force import missing
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
-from mpge_jax.diagnosis.estimation.whitening import whitener
 from mpge_jax.diagnosis.evidence.held_out_error import (
     WINDOWS,
     FitReport,
@@ -82,7 +81,8 @@ def _without_what_adds(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[F
     gone: list[Term] = []
     w = p.windows(part, SHORT, WINDOWS[part], seed=1)
     while f.hypothesis.named and w.count >= ENOUGH_WINDOWS:
-        shares = {t: _adds(p, f, t, w) for t in f.hypothesis.named}
+        here = missing(p.sim, f, w, p.noise)
+        shares = {t: _adds(p, f, t, w, here) for t in f.hypothesis.named}
         worst = max(shares, key=lambda t: shares[t])
         if shares[worst] <= USUALLY:
             break
@@ -91,19 +91,17 @@ def _without_what_adds(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[F
     return f, gone
 
 
-def _adds(p: Prepared, f: Fitted, term: Term, w: Windows) -> float:
+def _adds(p: Prepared, f: Fitted, term: Term, w: Windows, here: tuple[Array, Array]) -> float:
     """Share of the windows in which far more force is missing with an effect than without it, and more than measurement
-    leaves open, at the degree of freedom where that is so most often."""
-    without = f.of_terms(p.ctx, f.hypothesis.without(term))
-    (left, unsure), (before, _) = (_missing(p, x, w) for x in (f, without))
-    more = (left > SURELY * unsure) & (left > LARGER * before)
+    leaves open, at the degree of freedom where that is so most often.
+
+    Args:
+        here: what is `missing` with it.
+    """
+    (left, unsure), less = here, f.of_terms(p.ctx, f.hypothesis.without(term))
+    before, _ = missing(p.sim, less, w, p.noise)
+    more = (np.abs(left) > SURELY * unsure) & (np.abs(left) > LARGER * np.abs(before))
     return float(more.mean(0).max())
-
-
-def _missing(p: Prepared, f: Fitted, w: Windows) -> tuple[Array, Array]:
-    """Size of the force that every window lacks at every degree of freedom, and its standard error, [W, nv] each."""
-    found = probed(p.sim, f, w, whitener(p.sim, f.hypothesis, f.theta, w, p.noise, temper=False))
-    return np.abs(found.by_dof()[1]), found.unsure()
 
 
 def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:

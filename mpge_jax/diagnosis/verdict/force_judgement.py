@@ -17,7 +17,12 @@ from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank
 from mpge_jax.diagnosis.force_balance.force_errors import ROWS, ForceErrors, errors_of, force_errors, rms
-from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, beside_inexact_inertias, fitted, without
+from mpge_jax.diagnosis.force_balance.procedure import (
+    ForceDecision,
+    beside_inexact_inertias,
+    fitted,
+    leaving_plain,
+)
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.residual.forces import residual_of_forces
 from mpge_jax.diagnosis.thresholds import SLIGHT
@@ -80,7 +85,7 @@ def _confirmed(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]
             return fit, needless
         worst = min(gains, key=lambda t: gains[t])
         needless.append(worst)
-        fit = fitted(bank, without(b.ctx, parts, worst))
+        fit = fitted(bank, leaving_plain(b.ctx, parts, worst))
 
 
 def _without(b: Balance, parts: dict[Term, Array], term: Term) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.estimation.missing_force import missing
 from mpge_jax.diagnosis.estimation.prediction_error import Errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.selection import confirmation
@@ -56,7 +57,7 @@ def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
     monkeypatch.setattr(confirmation, "fit_report", report)
     monkeypatch.setattr(confirmation, "errors_without", without)
     monkeypatch.setattr(confirmation, "_refitted", lambda s, f: f)
-    monkeypatch.setattr(confirmation, "_adds", lambda p, f, term, w: 0.0)
+    monkeypatch.setattr(confirmation, "_adds", lambda p, f, term, w, here: 0.0)
 
 
 def test_what_many_explain_a_little_is_not_given_up_one_by_one(rubbing, monkeypatch):
@@ -91,8 +92,9 @@ def test_what_holds_a_machine_where_it_is_adds_to_the_missing_force_and_goes(rub
     w = p.windows("choice", confirmation.SHORT, WINDOWS, seed=1)
     inertia = 30.0
     heavy = fitted(s, {ARMATURE: [inertia]})
-    assert confirmation._adds(p, heavy, ARMATURE, w) > 0.8
-    assert confirmation._adds(p, fitted(s, {COULOMB: [0.1]}), COULOMB, w) < 0.05
+    rubs = fitted(s, {COULOMB: [0.1]})
+    assert confirmation._adds(p, heavy, ARMATURE, w, missing(p.sim, heavy, w, p.noise)) > 0.8
+    assert confirmation._adds(p, rubs, COULOMB, w, missing(p.sim, rubs, w, p.noise)) < 0.05
     f, _, gone = confirmed(p, s, fitted(s, {COULOMB: [0.1], ARMATURE: [inertia]}), "choice")
     assert gone == [ARMATURE] and f.theta == pytest.approx([0.1], rel=0.1)
     assert "armature at " in p.warnings[-1] and confirmation.ADDS in p.warnings[-1]
