@@ -66,8 +66,8 @@ peers: $(STAMP) ## measure speed beside other libraries, which it installs, and 
 	@$(PIP) --quiet -e '.[peers]'
 	$(PY) -m experiments.benchmark.peers $(ARGS)
 
-gpu-check: cuda ## measure on an NVIDIA GPU: 1,024 to 16,384 copies, one and five transformers; writes results/gpu
-	$(PY) -m experiments.benchmark --part envs grounding sac --backend mjx warp --copies 1024 4096 16384 --members 1 5 --out results/gpu $(ARGS)
+gpu-check: cuda ## measure on an NVIDIA GPU: 1,024 to 16,384 copies, 1, 5 and 25 transformers; writes results/gpu
+	$(PY) -m experiments.benchmark --part envs grounding sac --backend c mjx warp --copies 1024 4096 16384 --members 1 5 25 --out results/gpu $(ARGS)
 
 test: $(STAMP) ## run the tests
 	$(PY) -m pytest -n $(WORKERS) $(DIST) $(ARGS)

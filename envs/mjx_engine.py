@@ -1,6 +1,4 @@
-"""MJX behind an environment: MuJoCo in JAX (`jax`, any accelerator) or in Warp (`warp`, NVIDIA only)."""
-
-from typing import Any
+"""MJX behind an environment: MuJoCo in JAX, on any accelerator."""
 
 import jax
 import mujoco
@@ -19,9 +17,6 @@ _IGNORED = (
     "tendon_stiffnesspoly",
 )
 
-# Warp allocates contacts for all copies together before it knows their number.
-_WARP_COPIES = 8192
-
 
 def check_computed(model: mujoco.MjModel) -> None:
     """Raises ValueError if the model uses what MJX in JAX takes without a word and leaves out."""
@@ -37,31 +32,22 @@ class MJXEngine:
 
     Args:
       model: compiled model.
-      implementation: "jax" or "warp". Warp has room for the contacts of 8,192 copies.
 
     Raises:
       ValueError: the model uses something that MJX does not compute.
     """
 
-    def __init__(self, model: mujoco.MjModel, implementation: str = "jax"):
-        if implementation == "jax":
-            check_computed(model)
+    def __init__(self, model: mujoco.MjModel):
+        check_computed(model)
         self.model = model
-        self._implementation = implementation
-        self._sizes: dict[str, int] = {}
         try:
-            self._mjx_model = mjx.put_model(model, impl=implementation)
-            if implementation == "warp":
-                most: Any = mjx.make_data(model, impl="jax")._impl
-                self._sizes = {"naconmax": max(1, most.ncon) * _WARP_COPIES, "njmax": max(1, most.nefc)}
+            self._mjx_model = mjx.put_model(model, impl="jax")
         except NotImplementedError as error:
             raise ValueError(f"MJX cannot simulate this model ({error}): take backend 'c'") from error
 
     def init(self, qpos: jax.Array, qvel: jax.Array) -> mjx.Data:
         """Physics state at `qpos [nq]`, `qvel [nv]`, time 0, without warm start."""
-        return mjx.make_data(self.model, impl=self._implementation, **self._sizes).replace(
-            qpos=qpos, qvel=qvel
-        )
+        return mjx.make_data(self.model, impl="jax").replace(qpos=qpos, qvel=qvel)
 
     def step(self, data: mjx.Data, ctrl: jax.Array, count: int) -> mjx.Data:
         """`count` physics steps under `ctrl [nu]`."""

@@ -108,8 +108,8 @@ def make(name: str, backend: str = "auto", dynamics: str = "mujoco") -> Env:
 
     Args:
       name: one of `names()`, or `path/to/file.py:NAME` for what a file of your own defines.
-      backend: "c" (MuJoCo's C engine), "mjx" (MJX in JAX), "warp" (MJX-Warp, on NVIDIA GPUs where it is installed; not
-        tested here), or "auto": "c" on CPU, "mjx" on an accelerator.
+      backend: "c" (MuJoCo's C engine), "mjx" (MJX in JAX), "warp" (MJX-Warp, on NVIDIA GPUs where it is
+        installed), or "auto": "c" on CPU, "mjx" on an accelerator.
       dynamics: "mujoco" as installed, or "legacy" with the capsule inertia of MuJoCo before 2.1.2.
 
     Raises:
@@ -140,9 +140,13 @@ def engine_of(model: mujoco.MjModel, backend: str = "auto") -> Engine:
             "backend 'warp' needs an NVIDIA GPU and Warp: pip install 'mpge-jax[cuda]', or take 'mjx'"
         )
     # MJX takes seconds to import and is not needed on CPU.
+    if backend == "warp":
+        from envs.warp_engine import WarpEngine
+
+        return WarpEngine(model)
     from envs.mjx_engine import MJXEngine
 
-    return MJXEngine(model, "warp" if backend == "warp" else "jax")
+    return MJXEngine(model)
 
 
 def _has_warp() -> bool:

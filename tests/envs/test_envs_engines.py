@@ -144,7 +144,7 @@ def test_auto_is_mjx_on_an_accelerator(monkeypatch, has_warp):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     monkeypatch.setattr(registry, "_has_warp", lambda: has_warp)
     engine = envs.make("InvertedPendulum").engine
-    assert isinstance(engine, MJXEngine) and engine._implementation == "jax"
+    assert isinstance(engine, MJXEngine)
 
 
 def python(code, *args):

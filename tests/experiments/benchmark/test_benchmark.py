@@ -68,7 +68,7 @@ def test_the_gpu_check_measures_both_engines_that_run_there(monkeypatch: pytest.
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     planned = [(part, label) for part, label, _ in benchmark.plan(tyro.cli(Args, args=line.split()))]
     assert ("envs", "warp, 16384 copies") in planned and ("envs", "mjx, 1024 copies") in planned
-    assert ("grounding", "warp, 5 at once") in planned and planned[-1] == ("sac", "5 at once")
+    assert ("grounding", "warp, 5 at once") in planned and planned[-1] == ("sac", "25 at once")
 
 
 def test_grounding_has_the_papers_batch() -> None:
