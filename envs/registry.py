@@ -109,7 +109,7 @@ def make(name: str, backend: str = "auto", dynamics: str = "mujoco") -> Env:
     Args:
       name: one of `names()`, or `path/to/file.py:NAME` for what a file of your own defines.
       backend: "c" (MuJoCo's C engine), "mjx" (MJX in JAX), "warp" (MJX-Warp, on NVIDIA GPUs where it is
-        installed), or "auto": "c" on CPU, "mjx" on an accelerator.
+        installed), or "auto": "c" on CPU, "warp" where it can be had, else "mjx".
       dynamics: "mujoco" as installed, or "legacy" with the capsule inertia of MuJoCo before 2.1.2.
 
     Raises:
@@ -132,7 +132,7 @@ def engine_of(model: mujoco.MjModel, backend: str = "auto") -> Engine:
     """
     _check(backend, BACKENDS, "backend")
     if backend == "auto":
-        backend = "c" if jax.default_backend() == "cpu" else "mjx"
+        backend = "c" if jax.default_backend() == "cpu" else "warp" if _has_warp() else "mjx"
     if backend == "c":
         return CEngine(model)
     if backend == "warp" and not _has_warp():

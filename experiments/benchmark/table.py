@@ -27,11 +27,17 @@ def ratios(rows: list[Row]) -> list[Row]:
 def markdown(record: Row) -> str:
     """The record of a run as Markdown: how it was made, and one table for each part."""
     load = ", ".join(f"{x:.1f}" for x in record["load_average"])
-    lines = [
+    made = (
         f"`{record['command']}` on {record['versions']['machine']}; load average before: {load}"
         " (numbers of a busy machine are too low)."
-    ]
-    of = {part: [row for row in record["rows"] if row["part"] == part] for part in PARTS}
+    )
+    return "\n".join([made, *tables(record["rows"])]) + "\n"
+
+
+def tables(rows: list[Row]) -> list[str]:
+    """Lines of one table for each part that was measured."""
+    lines: list[str] = []
+    of = {part: [row for row in rows if row["part"] == part] for part in PARTS}
     if of["envs"]:
         lines += [
             "",
@@ -84,7 +90,7 @@ def markdown(record: Row) -> str:
             f"| {row['members']} | {row['batch']} | {row['rate']:,.0f} | {_of(row, 'cost')} |"
             for row in of["sac"]
         ]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _of(row: Row, name: str) -> str:

@@ -137,14 +137,15 @@ def test_auto_is_the_c_engine_on_cpu():
 
 
 @pytest.mark.parametrize("has_warp", [True, False])
-def test_auto_is_mjx_on_an_accelerator(monkeypatch, has_warp):
-    """Warp only by name: nobody has measured a training run on it."""
-    from envs.mjx_engine import MJXEngine
+def test_auto_on_an_accelerator_is_warp_where_it_can_be_had(monkeypatch, has_warp):
+    from envs import mjx_engine, warp_engine
 
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     monkeypatch.setattr(registry, "_has_warp", lambda: has_warp)
-    engine = envs.make("InvertedPendulum").engine
-    assert isinstance(engine, MJXEngine)
+    monkeypatch.setattr(mjx_engine, "MJXEngine", lambda model: "mjx")
+    monkeypatch.setattr(warp_engine, "WarpEngine", lambda model: "warp")
+    model = mujoco.MjModel.from_xml_string(PLAIN)
+    assert registry.engine_of(model) == ("warp" if has_warp else "mjx")
 
 
 def python(code, *args):

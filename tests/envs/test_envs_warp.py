@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 import envs
+from mpge_jax.grounding import adversarial
+from mpge_jax.grounding.config import GroundingConfig
+from mpge_jax.rollouts import policies, target_log
 
 pytest.importorskip("warp")
 pytestmark = [
@@ -77,6 +80,24 @@ def test_copies_of_copies_are_the_c_engines():
     np.testing.assert_allclose(ours.obs, theirs.obs, atol=0.02)
     np.testing.assert_allclose(ours.data.time, theirs.data.time, rtol=1e-5)
     assert float(jnp.abs(ours.obs[0] - ours.obs[1]).max()) > 1.0  # the rows had actions of their own
+
+
+def test_transformers_are_grounded_as_on_the_c_engine():
+    """Two members, branched simulators, one iteration: what is learned from does not depend on the engine."""
+    plain, warp = envs.make("InvertedPendulum", "c"), envs.make("InvertedPendulum", "c")
+    warp.engine = WarpEngine(warp.model, copies=256)
+    rollout = policies.shipped("InvertedPendulum", "MS")[0].rollout
+    log = target_log.collect(jax.random.key(0), plain, rollout, 200)
+    config = GroundingConfig(num_envs=64, steps_per_iteration=2, branches=2)
+
+    def ground(env):
+        keys = jax.random.split(jax.random.key(1), 2)
+        state = jax.jit(jax.vmap(lambda key: adversarial.init(key, env, rollout, log, config)))(keys)
+        return jax.jit(jax.vmap(lambda s: adversarial.update(s, env, rollout, log, config)))(state)[1]
+
+    ours, theirs = ground(warp), ground(plain)
+    for name, value in theirs.items():
+        np.testing.assert_allclose(ours[name], value, rtol=0.02, atol=0.01, err_msg=name)
 
 
 def test_a_contact_without_room_is_not_left_out_in_silence():

@@ -24,7 +24,7 @@ HEAD = """# Speed beside others
 Written by `python -m experiments.benchmark.peers` from [results/speed](results/speed). Ours and the peers' work were
 measured in turn in one process; a ratio is the median over rounds of ours to the peer's within the round (its quartiles
 in brackets), so that what else the machine does hits both. Compilation is left out. The machine was busy with other
-work: rates are too low, and ratios are what to read.
+work: rates are too low, and ratios are what to read. On an NVIDIA GPU: [gpu.md](gpu.md).
 """
 NOTES = {
     "steps": "Ours: policy, observation, reward and automatic resets included. Raw `mujoco.batch` steps the same "
@@ -46,10 +46,7 @@ NOTES = {
 GROWTH = "images/growth.png"
 """The figure, beside the page."""
 
-LACKING = """## Not measured
-
-- Anything on a GPU: `make gpu-check` does it where there is an NVIDIA one, and writes `results/gpu`.
-"""
+LACKING = "## Not measured\n\n"
 
 
 @dataclass(frozen=True)
@@ -85,7 +82,10 @@ def markdown(kept: Path) -> str:
     if not rows:
         raise FileNotFoundError(f"nothing was measured yet in {kept}")
     lacking = [f"- {TITLES[name]}: `--row {name}` measures it.\n" for name in ROWS if name not in rows]
-    return "\n".join([HEAD, *(_section(name, row) for name, row in rows.items()), LACKING + "".join(lacking)])
+    parts = [HEAD, *(_section(name, row) for name, row in rows.items())]
+    if lacking:
+        parts.append(LACKING + "".join(lacking))
+    return "\n".join(parts)
 
 
 def draw(kept: Path, docs: Path) -> None:
