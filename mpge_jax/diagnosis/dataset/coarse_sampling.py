@@ -18,6 +18,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.screening import screen
 from mpge_jax.diagnosis.estimation.whitening import Whitener, column_scale
+from mpge_jax.diagnosis.machine.joint_space import integrate
 from mpge_jax.diagnosis.machine.model import qpos_columns
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR, Noise, States
@@ -28,7 +29,11 @@ from mpge_jax.diagnosis.simulation.windows import Windows, cut
 Array = np.ndarray
 INTERVALS = 40
 """Pairs of rows that are predicted."""
+INTERVALS_IN_THE_END = 300
+"""And in the end, when the hypothesis is chosen."""
 KEEP = 5
+ROUNDS, LEAST = 8, 0.3
+"""How often the noise of one row is estimated from what it leads to, and the least share of a miss that it is."""
 DEPTH = 2
 """Most effects assumed while the noise is bounded."""
 DOUBTFUL = 0.03
@@ -131,7 +136,8 @@ def bound(
         if _size(lower) > _size(level) + np.log(LOWER):
             break
         best, level = new, lower
-    return _lowered(noise, level, sim.model)
+    many = cut(raw, sim.model, noise, period, INTERVALS_IN_THE_END, dt, np.random.default_rng([seed, 12]))
+    return _lowered(noise, _of_one_row(sim, best, many, seed), sim.model)
 
 
 def _size(level: Array) -> float:
@@ -141,14 +147,35 @@ def _size(level: Array) -> float:
 
 def _level(sim: Simulator, f: Fitted, w: Windows) -> Array:
     """Typical miss [2 nv] of a hypothesis by column; infinite where nothing was measured."""
-    nv = sim.model.nv
     residual = sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
-    floor = _floor(nv)
-    out = np.full(2 * nv, np.inf)
-    for c in range(2 * nv):
+    return np.maximum(_typical(residual), _floor(sim.model.nv))
+
+
+def _of_one_row(sim: Simulator, f: Fitted, w: Windows, seed: int) -> Array:
+    """Noise [2 nv] of one row, by column, if nothing else makes a hypothesis miss: predictions miss by the noise of the
+    row that they are compared with, and by what the noise of the row that they start from has become."""
+    nv, rng, run = sim.model.nv, np.random.default_rng([seed, 13]), [Run(f.hypothesis, f.theta)]
+    level = _level(sim, f, w)
+    known = np.where(np.isfinite(level), level, 0.0)
+    own, sigma = sim.residuals(run, w)[0], known / np.sqrt(2.0)
+    drawn = rng.standard_normal((w.count, 2 * nv))
+    for _ in range(ROUNDS):
+        change = sigma * drawn
+        moved = replace(w, q0=integrate(sim.model, w.q0, change[:, :nv]), v0=w.v0 + change[:, nv:])
+        became = _typical(sim.residuals(run, moved)[0] - own)
+        rest = known**2 - np.where(np.isfinite(became), became, 0.0) ** 2
+        # half of the way: too much noise in one column leaves too little for the next round of the others
+        sigma = np.sqrt(0.5 * (sigma**2 + np.maximum(rest, (LEAST * known) ** 2)))
+    return np.where(np.isfinite(level), np.maximum(sigma, _floor(nv)), level)
+
+
+def _typical(residual: Array) -> Array:
+    """Deviation [2 nv] of the usual residual [W, N, 2 nv] by column; infinite where nothing was measured."""
+    out = np.full(residual.shape[-1], np.inf)
+    for c in range(out.size):
         value = np.abs(residual[..., c][np.isfinite(residual[..., c])])
         if value.size:
-            out[c] = max(1.4826 * float(np.median(value)), floor[c])
+            out[c] = 1.4826 * float(np.median(value))
     return out
 
 

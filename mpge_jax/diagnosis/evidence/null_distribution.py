@@ -31,6 +31,8 @@ from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, DOUBT, SEVERAL
 
 Array = np.ndarray
 SEGMENT, ALL = 0.8, 1_000_000
+WITHIN = 0.45
+"""Share of a segment that a window cut from it has at most."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +76,11 @@ class Left:
     typical: Array
 
 
-def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int = 16) -> Floor:
-    """The floor when `f` is the truth, with the same noise (of measured forces too) and commands.
+def floor(
+    prepared: Prepared, f: Fitted, length: float, shaken: Array | None = None, limit: int = 16
+) -> Floor:
+    """The floor of windows of a length (s) when `f` is the truth, with the same noise (of measured forces too) and
+    commands.
 
     With contacts, the higher one of two truths: as the model steps, and in finer steps, which change impacts more than
     whitening's directions follow.
@@ -88,13 +93,14 @@ def floor(prepared: Prepared, f: Fitted, shaken: Array | None = None, limit: int
     """
     shaken = force_noise(prepared) if shaken is None else shaken
     truths = (False, True) if prepared.ctx.contacts else (False,)
-    return max((_floor(prepared, f, shaken, limit, finer) for finer in truths), key=lambda x: x.loss)
+    return max((_floor(prepared, f, length, shaken, limit, finer) for finer in truths), key=lambda x: x.loss)
 
 
-def _floor(prepared: Prepared, f: Fitted, shaken: Array, limit: int, finer: bool) -> Floor:
+def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: int, finer: bool) -> Floor:
     sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
     # of all their rows: commands averaged over several would count as noise
-    w = prepared.windows("train", duration=SEGMENT, limit=limit, seed=5, samples=ALL)
+    segment = max(SEGMENT, length / WITHIN)
+    w = prepared.windows("train", duration=segment, limit=limit, seed=5, samples=ALL)
     if not w.count or w.times.shape[1] < 14:
         return Floor()
     # the first row of a segment is that after the window's start
@@ -115,8 +121,7 @@ def _floor(prepared: Prepared, f: Fitted, shaken: Array, limit: int, finer: bool
     sources = tuple(
         _again(r, s, act, w.sources[k], row) for (r, act, k, row), s in zip(kept, states, strict=True)
     )
-    duration = min(prepared.config.decide_s, 0.45 * SEGMENT)
-    cuts = cut(sources, sim.model, noise, duration, 2 * limit, prepared.dt, rng)
+    cuts = cut(sources, sim.model, noise, length, 2 * limit, prepared.dt, rng)
     if not cuts.count:
         return Floor()
     white = whitener(

@@ -72,7 +72,7 @@ class Rival:
     Attributes:
         term: what replaces it. fit: the whole hypothesis with it. margin: logarithm of the likelihood ratio by which
         it is worse. tied: whether the data cannot tell the two apart. better: whether it predicts clearly
-        better than the term.
+        better than the term. beside: the same effect at other places, where only all of them replace the term.
     """
 
     term: Term
@@ -81,6 +81,12 @@ class Rival:
     why_not: str
     tied: bool = False
     better: bool = False
+    beside: tuple[Term, ...] = ()
+
+    @property
+    def at(self) -> str:
+        """The places of what replaces the term."""
+        return ", ".join(t.place.name for t in (self.term, *self.beside))
 
 
 def family(term: Term) -> tuple[str, Place]:

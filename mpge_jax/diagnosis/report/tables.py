@@ -43,7 +43,7 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
         rivals = [
             {
                 "id": r.term.name,
-                "at": r.term.place.name,
+                "at": r.at,
                 "held_out": _held_out(d, r.fit),
                 "why_not": r.why_not,
             }

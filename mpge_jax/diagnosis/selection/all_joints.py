@@ -1,10 +1,12 @@
-"""Machines that lack something in every joint: friction, damping and rotor inertia everywhere at once, then fewer.
+"""Machines that lack something everywhere: friction, damping and rotor inertia in every joint, or one effect of every
+drive, all at once, then fewer.
 
 A forward search adds one effect at a time, so that on an arm of many joints the first ones stand for what is missing
 elsewhere (a delay for friction and rotor inertia behind a servo). Where several joints each still move otherwise than
 noise lets them, or several effects were found and the rest is still more than noise, or the search would end with more
 than noise left, the opposite direction is tried: all of the plain effects of joints, fitted together, and those that
-are not needed taken away.
+are not needed taken away. So are drives that have one thing in common: commands that pass one bus come late together,
+and one supply makes all of them weaker.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.estimation.whitening import usual_excess
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
@@ -25,6 +27,7 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
+IN_EVERY_DRIVE = ("actuator_delay", "actuator_gain")
 ITERATIONS = 5
 
 
@@ -33,11 +36,14 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     # where a motor bounces in its gap, the rest is more than noise though nothing is missing
     if current.hypothesis.rugged or at_noise(s, current, s.whiten_one(current, s.train)):
         return current
-    starts = [f for keep in (False, True) if (f := _with_all(s, current, keep)) is not None]
+    joints = [_with_all(s, current, keep) for keep in (False, True)]
+    drives = [_with_every_drive(s, current, (effect,)) for effect in IN_EVERY_DRIVE]
+    both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
+    starts = [f for f in (*joints, *drives, both) if f is not None]
     if not starts:
         return current
     s.looked = True
-    s.say("trying friction, damping and rotor inertia in every joint")
+    s.say("trying friction, damping and rotor inertia in every joint, and what drives have in common")
     fits = fit(s.sim, starts, s.train, s.whiten_one(current, s.train), iterations=8)
     fits = [f for f in (_thinned(s, f) for f in fits) if f.hypothesis.terms]
     if not fits:
@@ -87,6 +93,33 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
         return None
     theta = hypothesis.gather(ctx, parts)
     return Fitted(hypothesis, theta, theta.copy())
+
+
+def _with_every_drive(s: Search, current: Fitted, effects: tuple[str, ...]) -> Fitted | None:
+    """`current` without its effects of timing and with effects of every drive, each of them as large in all, by the
+    starting values with which least is left. None with fewer than two drives for them."""
+    ctx = s.sim.ctx
+    parts = dict(current.hypothesis.split(ctx, current.theta))
+    timing = {t for t in parts if any(p.unit == "s" for p in t.params(ctx))}
+    best = current.of_terms(
+        ctx, Hypothesis.of(*(t for t in parts if t not in timing and t.id not in effects))
+    )
+    white = s.whiten_one(current, s.train)
+    for effect in effects:
+        hypothesis = best.hypothesis
+        drives = [
+            t for t in s.terms if t.id == effect and t.place.kind == "actuator" and compatible(hypothesis, t)
+        ]
+        if len(drives) < 2:
+            return None
+        parts, hypothesis = dict(hypothesis.split(ctx, best.theta)), Hypothesis.of(*hypothesis.terms, *drives)
+        starts, fits = {t: np.asarray(t.effect.starts(ctx, t.place)) for t in drives}, []
+        for k in range(max(map(len, starts.values()))):
+            parts |= {t: x[min(k, len(x) - 1)] for t, x in starts.items()}
+            theta = hypothesis.gather(ctx, parts)
+            fits.append(Fitted(hypothesis, theta, theta.copy()))
+        best = min(evaluate(s.sim, fits, s.train, white), key=lambda f: f.loss)
+    return best
 
 
 def _thinned(s: Search, f: Fitted) -> Fitted:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -89,8 +91,49 @@ def find_rivals(
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
             if other is not None:
                 rivals.append(_compare(s, best, term, r, other))
+        rivals += _all_drives_weaker(s, best, whites, term)
         out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
+
+
+def _all_drives_weaker(s: Search, best: Scored, whites: tuple[Whitener, Whitener], term: Term) -> list[Rival]:
+    """All masses times a factor: where the model as given has nothing else that resists, drives that are all weaker by
+    that factor, beside forces that all are smaller by it, make the same motion."""
+    ctx, without = s.sim.ctx, best.fit.hypothesis.without(term)
+    drives = [t for t in s.terms if t.id == "actuator_gain" and compatible(without, t)]
+    if term.id != "mass_scale" or term.place.kind != "world" or len(drives) < max(2, ctx.model.nu):
+        return []
+    parts = best.fit.hypothesis.split(ctx, best.fit.theta)
+    share = 1.0 / parts[term]
+    for t in without.terms:
+        force = [any(x in p.unit for x in ("N", "kg")) for p in t.params(ctx)]
+        parts[t] = np.where(force, share * parts[t], parts[t])
+    hypothesis = Hypothesis.of(*without.terms, *drives)
+    theta = hypothesis.gather(ctx, parts | dict.fromkeys(drives, share))
+    rival = s.score(fit(s.sim, [Fitted(hypothesis, theta, theta)], s.train, whites[0], iterations=6), whites)[
+        0
+    ]
+    margin, beside = evidence(best, rival), tuple(drives[1:])
+    if needed(rival, best, len(s.terms), len(beside)) and named(s, rival.fit, without):
+        return [
+            Rival(drives[0], rival.fit, margin, "it predicts better, but less simply", False, True, beside)
+        ]
+    if beyond_doubt(margin):
+        return [
+            Rival(
+                drives[0], rival.fit, margin, f"it predicts worse ({odds(margin)} against it)", beside=beside
+            )
+        ]
+    return [
+        Rival(
+            drives[0],
+            rival.fit,
+            margin,
+            "no recording of this machine can tell the two apart",
+            True,
+            beside=beside,
+        )
+    ]
 
 
 def _richer(

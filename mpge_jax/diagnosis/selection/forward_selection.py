@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.evidence.scored import Reached, Scored
+from mpge_jax.diagnosis.evidence.scored import Reached, Scored, clearly_worse
 from mpge_jax.diagnosis.selection.all_joints import due, everywhere
-from mpge_jax.diagnosis.selection.competition import compete
+from mpge_jax.diagnosis.selection.competition import at_noise, compete
 from mpge_jax.diagnosis.selection.criteria import accept, choose
 from mpge_jax.diagnosis.selection.search_state import Search
 
@@ -33,7 +33,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         if chosen is not None:
             current, last = chosen.fit, ranked
             if due(s, current):
-                current = everywhere(s, current)
+                current = _everywhere_or_one_more(s, current)
         else:
             last = last or ranked
             # what adds one effect at a time may end where several are needed at once
@@ -43,6 +43,20 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
             current = wider
         keep()
     return current, last
+
+
+def _everywhere_or_one_more(s: Search, current: Fitted) -> Fitted:
+    """What all joints and drives together explain, unless it leaves something and one more effect explains as much."""
+    wider = everywhere(s, current)
+    if wider is current or at_noise(s, wider, s.whiten_one(wider, s.train)):
+        return wider
+    ranked, base = compete(s, current, s.terms)
+    one = _chosen(s, ranked, base) if ranked else None
+    if one is None:
+        return wider
+    fits = [wider, one.fit]
+    all_of_them, one = s.score(fits, s.whiten(min(fits, key=lambda f: f.loss)))
+    return wider if clearly_worse(one, all_of_them) else one.fit
 
 
 def _chosen(s: Search, ranked: list[Scored], base: Scored) -> Scored | None:

@@ -32,12 +32,17 @@ REFINED = 60
 
 @dataclass(frozen=True)
 class Decision:
-    """Effects with rivals by term, the noise's floor and what is left."""
+    """Effects with rivals by term, the noise's floor and what is left.
+
+    Attributes:
+        search: what found them, perhaps in longer windows than those that decide.
+    """
 
     fit: Fitted
     rivals: dict[Term, list[Rival]]
     noise: Floor
     left: Remainder | None
+    search: Search | None = None
 
 
 def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
@@ -46,20 +51,21 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
     c = p.config
     f, rivals = _settle(s, *search(s))
     noise, left = _left(p, s, f)
+    looked = s
     if left is not None or not f.hypothesis.terms:
-        longer, more = _on_longer_windows(p, s, f, say)
-        if longer is not f:
-            f, rivals = longer, more
+        more, its, looked = _on_longer_windows(p, s, f, say)
+        if more is not f:
+            f, rivals = more, its
             noise, left = _left(p, s, f)
     f, _, gone = confirmed(p, s, f, "choice")
     if gone:
         rivals = {t: r for t, r in rivals.items() if t in f.hypothesis.terms}
-        noise, left = _left(p, s, f)
+        noise, left = _left(p, s, f, looked)
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
     if f.theta.size and left is None and c.report_s > c.decide_s and not s.sim.rugged(f.hypothesis):
         say("refining parameters")
         f = refined(s, f, _longer(p))
-    return Decision(f, rivals, noise, left)
+    return Decision(f, rivals, noise, left, looked)
 
 
 def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport]:
@@ -67,7 +73,8 @@ def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport
     f, report, gone = confirmed(p, s, found.fit, "test")
     if gone:
         rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
-        found = Decision(f, rivals, *_left(p, s, f))
+        noise, left = _left(p, s, f, found.search)
+        found = replace(found, fit=f, rivals=rivals, noise=noise, left=left)
     return replace(found, fit=_with_what_masses_leave_open(p, s, found)), report
 
 
@@ -84,23 +91,32 @@ def _longer(p: Prepared) -> Windows:
     return p.all_to_train().windows("train", p.config.report_s, REFINED)
 
 
-def _left(p: Prepared, s: Search, f: Fitted) -> tuple[Floor, Remainder | None]:
-    """What noise alone would leave if `f` were true, and what it leaves if that is more."""
-    noise = floor(p, f)
-    s.log.append(f"floor {noise.loss:.3f} +- {noise.error:.3f}")
-    return noise, remainder(s, f, noise)
+def _left(p: Prepared, s: Search, f: Fitted, looked: Search | None = None) -> tuple[Floor, Remainder | None]:
+    """What noise alone would leave if `f` were true, and what it leaves if that is more.
+
+    Args:
+        looked: the search that found what `f` no longer has. What that explained may show in its windows alone.
+    """
+    for its in (s,) if looked is None or looked is s else (s, looked):
+        noise = floor(p, f, its.length)
+        s.log.append(f"floor {noise.loss:.3f} +- {noise.error:.3f}")
+        left = remainder(its, f, noise)
+        if left is not None:
+            break
+    return noise, left
 
 
 def _on_longer_windows(
     p: Prepared, s: Search, f: Fitted, say: Callable[[str], None]
-) -> tuple[Fitted, dict[Term, list[Rival]]]:
+) -> tuple[Fitted, dict[Term, list[Rival]], Search]:
     """`f`, or what a search finds that goes on from there in windows longer than those of `s`, where what is slight
-    adds up and what a window's start leaves open counts less; with its rivals then.
+    adds up and what a window's start leaves open counts less; with its rivals then, and the search that found it.
 
     Windows become twice as long as often as that finds more, what is left shows in them more clearly (a motion that
     cannot be predicted for so long shows less), and recordings that only choose are predicted better with it.
     """
     rivals: dict[Term, list[Rival]] = {}
+    found = s
     length, steps, usual, stride = p.config.report_s, s.train.steps, _usual(s, f), s.sim.stride
     while True:
         longer = build_search(p, say, length)
@@ -117,9 +133,10 @@ def _on_longer_windows(
             break
         if f.hypothesis.terms and not predicts_better(p, more, f):
             break
-        f, rivals, length, steps, usual = more, its, 2.0 * length, longer.train.steps, _usual(longer, more)
+        f, rivals, found = more, its, longer
+        length, steps, usual = 2.0 * length, longer.train.steps, _usual(longer, more)
     s.sim.stride = stride
-    return f, rivals
+    return f, rivals, found
 
 
 def _usual(s: Search, f: Fitted) -> float:

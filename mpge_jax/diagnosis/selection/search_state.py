@@ -33,9 +33,10 @@ class Search:
     """Everything that the selection needs.
 
     Attributes:
-        train, held: windows. terms: candidates. say: progress callback. keep: called after every accepted fit,
-        so that an interrupted search can go on. resume: where to go on. typical: how many of the training windows,
-        the first ones, were drawn at random; the others were chosen because the nominal model misses most there.
+        train, held: windows of a `length` (s). terms: candidates. say: progress callback. keep: called after every
+        accepted fit, so that an interrupted search can go on. resume: where to go on. typical: how many of the training
+        windows, the first ones, were drawn at random; the others were chosen because the nominal model misses most
+        there.
         looked: whether all joints were looked at together (`all_joints.everywhere`), which is done once.
         floor: what a hypothesis would leave if it were true, by simulation; needed where noise enters otherwise than
         through start and measurements (measured forces).
@@ -45,6 +46,7 @@ class Search:
     noise: Noise
     train: Windows
     held: Windows
+    length: float
     terms: list[Term]
     seed: int = 0
     say: Callable[[str], None] = lambda _text: None

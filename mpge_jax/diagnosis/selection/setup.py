@@ -40,9 +40,19 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
         terms.append(given_inertias(c.masses_within))
     limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
     shaken = force_noise(p)
-    calibrated = partial(floor, p, shaken=shaken) if shaken.any() or p.ctx.contacts else None
+    calibrated = partial(floor, p, length=length, shaken=shaken) if shaken.any() or p.ctx.contacts else None
     return Search(
-        p.sim, p.noise, train, held, terms, c.seed, say, max_terms=limit, typical=typical, floor=calibrated
+        p.sim,
+        p.noise,
+        train,
+        held,
+        length,
+        terms,
+        c.seed,
+        say,
+        max_terms=limit,
+        typical=typical,
+        floor=calibrated,
     )
 
 

@@ -239,7 +239,7 @@ def test_noise_in_measured_forces_is_in_the_floor(rate, noise):
     losses = left.losses[left.typical]
     assert losses.mean() > 2.0
     assert Floor().exceeded(losses)
-    found = floor(p, nominal)
+    found = floor(p, nominal, p.config.decide_s)
     assert not found.exceeded(losses)
     assert 0.4 < found.loss / losses.mean() < 2.0
 

@@ -34,7 +34,7 @@ def test_the_floor_is_what_a_true_model_leaves():
 
 def test_floor_is_lower_than_that_of_independent_errors(null):
     _, p = null
-    assert floor(p, NOTHING).ratio < 1.0
+    assert floor(p, NOTHING, p.config.decide_s).ratio < 1.0
 
 
 def test_what_is_left_on_a_free_body_does_not_raise_the_floor():
@@ -47,4 +47,4 @@ def test_what_is_left_on_a_free_body_does_not_raise_the_floor():
     for r in recordings:
         r.qpos[:, 3:] /= np.linalg.norm(r.qpos[:, 3:], axis=1, keepdims=True)
     p = prepared_of(FLYER, recordings)
-    assert floor(p, NOTHING).loss < 2.0
+    assert floor(p, NOTHING, p.config.decide_s).loss < 2.0

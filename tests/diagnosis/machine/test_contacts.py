@@ -95,7 +95,7 @@ def test_impacts_in_finer_steps_are_no_physics_and_a_force_is(integrator):
 
     def beyond(force=None) -> bool:
         p, s = _search(xml, force=force)
-        return floor(p, NOTHING).beyond(leaves(s, NOTHING).left)
+        return floor(p, NOTHING, p.config.decide_s).beyond(leaves(s, NOTHING).left)
 
     def drag(_model, data):
         data.qfrc_applied[1] -= 1.0 * data.qvel[1]

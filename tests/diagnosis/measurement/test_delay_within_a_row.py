@@ -119,7 +119,7 @@ def test_the_floor_knows_that_a_late_force_changes_between_rows():
     p = with_arrivals(at_rows, {0: Arrival(0.0055, 1e-4)})
     assert force_noise(p)[0] < 1e-3
     # what is simulated with that delay and read without it leaves several times the noise
-    assert floor(p, NOTHING).loss < 1.3
+    assert floor(p, NOTHING, p.config.decide_s).loss < 1.3
 
 
 def test_motors_that_the_motion_cannot_tell_apart_share_their_delay():

@@ -32,7 +32,7 @@ SPINNER = """<mujoco><worldbody><body><joint name="hinge" axis="0 0 1"/><geom si
 def test_the_floor_of_fast_logs_is_that_of_slow_ones(rate):
     """Commands averaged over the rows between those that are compared would count as noise."""
     p = prepared_of(PENDULUM, record(PENDULUM, 0.8, rate=rate, noise=1e-5))
-    assert floor(p, NOTHING).losses.max() < 2.0
+    assert floor(p, NOTHING, p.config.decide_s).losses.max() < 2.0
 
 
 @pytest.mark.parametrize("origin", [0.0, 1.7e9])

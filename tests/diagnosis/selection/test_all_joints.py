@@ -1,5 +1,7 @@
 """Machines that lack something in every joint, and machines that do not."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import mpge_jax.diagnosis.selection.forward_selection as searching
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored
+from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.selection import all_joints
 from mpge_jax.diagnosis.selection.all_joints import everywhere
 from mpge_jax.diagnosis.selection.competition import at_noise
@@ -49,6 +52,27 @@ def test_friction_and_rotor_inertia_in_every_joint_are_found_together():
         assert parts[f"armature@{joint}"] == pytest.approx(rotor, rel=0.15)
 
 
+@pytest.mark.parametrize(("effect", "size"), [("actuator_delay", 0.03), ("actuator_gain", 0.6)])
+def test_what_all_drives_have_in_common_is_found_together(effect, size):
+    def change(model: mujoco.MjModel) -> None:
+        _stiff(model)
+        if effect == "actuator_gain":
+            model.actuator_gainprm[:] *= size
+            model.actuator_biasprm[:] *= size
+        model.dof_frictionloss[:] = FRICTION
+
+    late = round(100 * size) if effect == "actuator_delay" else 0
+    recordings = record(ARM, [4.0, 0.8], change=change, count=4)
+    recordings = [replace(r, ctrl=np.roll(r.known("ctrl"), -late, axis=0)) for r in recordings]
+    recordings = [rows_of(r, slice(0, r.time.size - late), r.name) for r in recordings]
+    s = search_of(ARM, recordings)[0]
+    found = everywhere(s, _fitted(s, {"coulomb_friction@shoulder": float(FRICTION[0])}))
+    parts = {str(t): float(x[0]) for t, x in found.hypothesis.split(s.sim.ctx, found.theta).items()}
+    drives = [f"{effect}@shoulder_motor", f"{effect}@elbow_servo"]
+    assert set(parts) == {"coulomb_friction@shoulder", "coulomb_friction@elbow", *drives}
+    np.testing.assert_allclose([parts[d] for d in drives], size, rtol=0.1)
+
+
 def test_what_is_in_one_joint_is_not_sought_in_all():
     def change(model: mujoco.MjModel) -> None:
         _stiff(model)
@@ -59,10 +83,12 @@ def test_what_is_in_one_joint_is_not_sought_in_all():
     s = _search(change)
     one = _fitted(s, {"coulomb_friction@shoulder": float(FRICTION[0])})
     assert not at_noise(s, one, s.whiten_one(one, s.train))
-    said: list[str] = []
-    s.say = said.append
-    assert everywhere(s, one) is one
-    assert any("every joint" in text for text in said)
+    # two weaker drives explain most of it, and one heavier body all of it
+    drives = {t for t in everywhere(s, one).hypothesis.terms if t.id == "actuator_gain"}
+    assert len(drives) == 2
+    more = searching._everywhere_or_one_more(s, one)
+    assert len(more.hypothesis.terms) == 2 and not drives & set(more.hypothesis.terms)
+    assert {t.place.name for t in more.hypothesis.terms} == {"shoulder", "fore"}
 
 
 def test_all_joints_are_looked_at_once_before_a_search_ends(monkeypatch):

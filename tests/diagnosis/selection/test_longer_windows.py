@@ -79,11 +79,12 @@ class Bench:
 )  # fmt: skip
 def test_windows_become_longer_as_long_as_that_helps(monkeypatch, found, options, begins, ends, lengths):
     bench = Bench(monkeypatch, found, **options)
-    f, rivals = bench.run(begins)
+    f, rivals, found_by = bench.run(begins)
     assert f is ends
     assert [length for length, _ in bench.searched] == lengths
     kept = [length for length in lengths if found[length] is ends]
     assert rivals == ({} if f is begins else {"rivals": kept[0]})
+    assert found_by.length == (0.25 if f is begins else kept[0])
     assert bench.sim.stride == 1
 
 

@@ -75,7 +75,8 @@ def test_short_recordings_of_slow_filters_still_hold_windows():
 
 def test_the_floor_of_slow_filters_is_the_noise():
     xml = FILTER.replace('".03"', '".1"')
-    noise = floor(prepared_of(xml, _record(xml)[0]), NOTHING)
+    p = prepared_of(xml, _record(xml)[0])
+    noise = floor(p, NOTHING, p.config.decide_s)
     # below one: a share of what the timestep changes counts as noise, and the simulated recordings have none of that
     assert 0.2 < noise.loss < 1.2 and noise.losses.max() < 3.0
 

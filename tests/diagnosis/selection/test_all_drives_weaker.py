@@ -1,0 +1,54 @@
+"""All masses times a factor, and all drives weaker by it: the same motion where nothing given resists."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
+from mpge_jax.diagnosis.selection.alternatives import _all_drives_weaker
+from tests.diagnosis.machines import record
+from tests.diagnosis.searches import search_of
+
+FACTOR, FRICTION = 1.5, np.array([0.2, 0.1])
+ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+<body name="upper"><joint name="shoulder" axis="0 1 0" damping="{damping}"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1" contype="0" conaffinity="0"/>
+<body name="fore" pos="0 0 -.3"><joint name="elbow" axis="0 1 0" damping="{damping}"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.25" size=".025" mass=".6" contype="0" conaffinity="0"/>
+</body></body></worldbody>
+<actuator><motor name="shoulder_motor" joint="shoulder"/><motor name="elbow_motor" joint="elbow"/></actuator>
+</mujoco>"""
+
+
+def _heavier(model: mujoco.MjModel) -> None:
+    model.body_mass[:] *= FACTOR
+    model.body_inertia[:] *= FACTOR
+    model.dof_frictionloss[:] = FRICTION
+    model.dof_solref[:], model.dof_solimp[:] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+def test_they_are_told_apart_by_what_the_given_model_resists_with(damping):
+    xml = ARM.format(damping=damping)
+    s, _ = search_of(xml, record(xml, [5.0, 1.5], change=_heavier, count=4))
+    terms = {str(t): t for t in s.terms}
+    friction = [terms["coulomb_friction@shoulder"], terms["coulomb_friction@elbow"]]
+    mass = terms["mass_scale@world"]
+    hypothesis = Hypothesis.of(mass, *friction)
+    parts = {mass: np.array([FACTOR]), **{t: np.array([x]) for t, x in zip(friction, FRICTION, strict=True)}}
+    theta = hypothesis.gather(s.sim.ctx, parts)
+    start = Fitted(hypothesis, theta, theta)
+    found = fit(s.sim, [start], s.train, s.whiten_one(start, s.train), iterations=3)[0]
+    whites = s.whiten(found)
+    (rival,) = _all_drives_weaker(s, s.score([found], whites)[0], whites, mass)
+    assert rival.tied == (damping == 0.0) and not rival.better
+    assert rival.at == "shoulder_motor, elbow_motor"
+    assert _all_drives_weaker(s, s.score([found], whites)[0], whites, friction[0]) == []
+    if rival.tied:
+        its = {str(t): float(x[0]) for t, x in rival.fit.hypothesis.split(s.sim.ctx, rival.fit.theta).items()}
+        assert its["actuator_gain@shoulder_motor"] == pytest.approx(1 / FACTOR, rel=0.03)
+        assert its["coulomb_friction@elbow"] == pytest.approx(FRICTION[1] / FACTOR, rel=0.05)
