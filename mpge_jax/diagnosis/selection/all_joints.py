@@ -38,14 +38,17 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
         return current
     joints = [_with_all(s, current, keep) for keep in (False, True)]
     drives = [_with_every_drive(s, current, (effect,)) for effect in IN_EVERY_DRIVE]
-    both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
-    starts = [f for f in (*joints, *drives, both) if f is not None]
+    starts = [f for f in (*joints, *drives) if f is not None]
     if not starts:
         return current
     s.looked = True
     s.say("trying friction, damping and rotor inertia in every joint, and what drives have in common")
-    fits = fit(s.sim, starts, s.train, s.whiten_one(current, s.train), iterations=8)
-    fits = [f for f in (_thinned(s, f) for f in fits) if f.hypothesis.terms]
+    white = s.whiten_one(current, s.train)
+    fits = fit(s.sim, starts, s.train, white, iterations=8)
+    both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
+    if both is not None and not any(at_noise(s, f, s.whiten_one(f, s.train)) for f in fits):
+        fits += fit(s.sim, [both], s.train, white, iterations=8)
+    fits = [f for f in (_thinned(s, f) for f in fits) if 0 < len(f.hypothesis.named) <= s.max_terms]
     if not fits:
         return current
     whites = s.whiten(min(fits, key=lambda f: f.loss))
@@ -59,9 +62,7 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     )
     # each by itself may be weak; what nobody knows leaks into all joints, and little of it goes away by that
     now, then = (usual_excess(float(r.losses.mean())) for r in (chosen, before))
-    better = now < REMAINS * then
-    fits_in = len(chosen.fit.hypothesis.named) <= s.max_terms
-    return chosen.fit if better and fits_in and needed(chosen, before) else current
+    return chosen.fit if now < REMAINS * then and needed(chosen, before) else current
 
 
 def due(s: Search, current: Fitted) -> bool:

@@ -54,8 +54,7 @@ def _everywhere_or_one_more(s: Search, current: Fitted) -> Fitted:
     one = _chosen(s, ranked, base) if ranked else None
     if one is None:
         return wider
-    fits = [wider, one.fit]
-    all_of_them, one = s.score(fits, s.whiten(min(fits, key=lambda f: f.loss)))
+    all_of_them, one = s.score([wider, one.fit], s.whiten(wider))
     return wider if clearly_worse(one, all_of_them) else one.fit
 
 
