@@ -38,6 +38,9 @@ class WarpData:
     sensordata: jax.Array
 
 
+_NAMES = tuple(field.name for field in dataclasses.fields(WarpData))
+
+
 class WarpEngine:
     """`init` and `step` on MJX-Warp; batched by `vmap`, nested too.
 
@@ -53,8 +56,8 @@ class WarpEngine:
 
     def __init__(self, model: mujoco.MjModel, copies: int = _COPIES):
         self.model = model
-        initial = mujoco.MjData(model)
-        carried = [name for name in _NOT_CARRIED if getattr(initial, name).size]
+        self._initial = mujoco.MjData(model)
+        carried = [name for name in _NOT_CARRIED if getattr(self._initial, name).size]
         if carried:
             raise ValueError(
                 f"MJX-Warp does not carry {', '.join(carried)}, which this model has: take backend 'c'"
@@ -69,17 +72,14 @@ class WarpEngine:
 
     def init(self, qpos: jax.Array, qvel: jax.Array) -> WarpData:
         """Physics state at `qpos [nq]`, `qvel [nv]`, time 0, without warm start."""
-        initial = mujoco.MjData(self.model)
-        names = [field.name for field in dataclasses.fields(WarpData)]
-        values = {name: jnp.asarray(getattr(initial, name), qpos.dtype) for name in names}
+        values = {name: jnp.asarray(getattr(self._initial, name), qpos.dtype) for name in _NAMES}
         return WarpData(**{**values, "qpos": qpos, "qvel": qvel})
 
     def step(self, data: WarpData, ctrl: jax.Array, count: int) -> WarpData:
         """`count` physics steps under `ctrl [nu]`. `sensordata` is one physics step behind, as after `mj_step`."""
-        names = [field.name for field in dataclasses.fields(WarpData)]
-        begun = self._make().replace(ctrl=ctrl, **{name: getattr(data, name) for name in names})
+        begun = self._make().replace(ctrl=ctrl, **{name: getattr(data, name) for name in _NAMES})
         # MJX broadcasts across ranks, which a caller may have forbidden for their own code.
         with jax.numpy_rank_promotion("allow"):
             ended = jax.lax.fori_loop(0, count, lambda _, d: mjx.step(self._mjx_model, d), begun)
         lost = jnp.any(ended._impl.overflow & _LEFT_OUT)
-        return WarpData(**{name: jnp.where(lost, jnp.nan, getattr(ended, name)) for name in names})
+        return WarpData(**{name: jnp.where(lost, jnp.nan, getattr(ended, name)) for name in _NAMES})

@@ -13,7 +13,7 @@ import pytest
 import envs
 from envs import registry
 from envs.c_engine import _MOST_BATCHES, CEngine
-from tests.envs.compiled import compiled
+from tests.envs.compiled import assert_follows_mj_step, compiled
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -43,17 +43,7 @@ def test_c_engine_is_mujoco_with_all_it_carries():
         more='<sensor><jointpos joint="x"/><jointvel joint="x"/></sensor>',
     )
     assert (edited.na, edited.nu, edited.nsensordata) == (1, 2, 2)
-    engine, reference = CEngine(edited), mujoco.MjData(edited)
-    data = engine.init(jnp.zeros(1), jnp.zeros(1))
-    step = jax.jit(lambda d, u: engine.step(d, u, 3))
-    for control in np.random.default_rng(0).uniform(-1, 1, (20, 2)).astype(np.float32):
-        data = step(data, jnp.asarray(control))
-        reference.ctrl[:] = control
-        mujoco.mj_step(edited, reference, nstep=3)
-    for name in ("qpos", "qvel", "act", "time", "sensordata"):
-        np.testing.assert_allclose(
-            getattr(data, name), getattr(reference, name), rtol=2e-5, atol=1e-7, err_msg=name
-        )
+    assert_follows_mj_step(CEngine(edited), edited, rtol=2e-5, atol=1e-7)
 
 
 def test_a_diverged_simulation_is_lost_and_alone(capfd):

@@ -10,6 +10,7 @@ import envs
 from mpge_jax.grounding import adversarial
 from mpge_jax.grounding.config import GroundingConfig
 from mpge_jax.rollouts import policies, target_log
+from tests.envs.compiled import assert_follows_mj_step
 
 pytest.importorskip("warp")
 pytestmark = [
@@ -47,17 +48,7 @@ def test_it_is_mujoco_with_all_it_carries():
     """Activations, sensors and time against a loop over `mj_step`; the state survives the end of each call."""
     model = mujoco.MjModel.from_xml_string(SLIDER.format(motor=""))
     assert (model.na, model.nu, model.nsensordata) == (1, 2, 2)
-    engine, reference = WarpEngine(model, copies=1), mujoco.MjData(model)
-    data = engine.init(jnp.zeros(1), jnp.zeros(1))
-    step = jax.jit(lambda d, u: engine.step(d, u, 3))
-    for control in np.random.default_rng(0).uniform(-1, 1, (20, 2)).astype(np.float32):
-        data = step(data, jnp.asarray(control))
-        reference.ctrl[:] = control
-        mujoco.mj_step(model, reference, nstep=3)
-    for name in ("qpos", "qvel", "act", "time", "sensordata"):
-        np.testing.assert_allclose(
-            getattr(data, name), getattr(reference, name), rtol=2e-4, atol=1e-6, err_msg=name
-        )
+    assert_follows_mj_step(WarpEngine(model, copies=1), model, rtol=2e-4, atol=1e-6)
 
 
 def test_copies_of_copies_are_the_c_engines():

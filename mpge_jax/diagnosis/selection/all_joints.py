@@ -45,9 +45,9 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     s.say("trying friction, damping and rotor inertia in every joint, and what drives have in common")
     white = s.whiten_one(current, s.train)
     fits = fit(s.sim, starts, s.train, white, iterations=8)
-    both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
-    if both is not None and not any(at_noise(s, f, s.whiten_one(f, s.train)) for f in fits):
-        fits += fit(s.sim, [both], s.train, white, iterations=8)
+    if not any(at_noise(s, f, s.whiten_one(f, s.train)) for f in fits):
+        both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
+        fits += [] if both is None else fit(s.sim, [both], s.train, white, iterations=8)
     fits = [f for f in (_thinned(s, f) for f in fits) if 0 < len(f.hypothesis.named) <= s.max_terms]
     if not fits:
         return current

@@ -113,27 +113,7 @@ def _all_drives_weaker(s: Search, best: Scored, whites: tuple[Whitener, Whitener
     rival = s.score(fit(s.sim, [Fitted(hypothesis, theta, theta)], s.train, whites[0], iterations=6), whites)[
         0
     ]
-    margin, beside = evidence(best, rival), tuple(drives[1:])
-    if needed(rival, best, len(s.terms), len(beside)) and named(s, rival.fit, without):
-        return [
-            Rival(drives[0], rival.fit, margin, "it predicts better, but less simply", False, True, beside)
-        ]
-    if beyond_doubt(margin):
-        return [
-            Rival(
-                drives[0], rival.fit, margin, f"it predicts worse ({odds(margin)} against it)", beside=beside
-            )
-        ]
-    return [
-        Rival(
-            drives[0],
-            rival.fit,
-            margin,
-            "no recording of this machine can tell the two apart",
-            True,
-            beside=beside,
-        )
-    ]
+    return [_compare(s, best, term, rival, *drives)]
 
 
 def _richer(
@@ -207,27 +187,31 @@ def _one_each(rivals: list[Rival]) -> list[Rival]:
     return sorted(best.values(), key=lambda r: r.margin)
 
 
-def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term) -> Rival:
+def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term, *beside: Term) -> Rival:
+    """`beside`: the same effect as `other` in all other drives, the same motion in principle as all masses times a
+    factor."""
     margin = evidence(best, rival)
+
+    def of(why_not: str, tied: bool = False, better: bool = False) -> Rival:
+        return Rival(other, rival.fit, margin, why_not, tied, better, beside)
+
     told_apart = named(s, rival.fit, best.fit.hypothesis.without(term))
-    if told_apart and needed(rival, best, len(s.terms)):
-        return Rival(other, rival.fit, margin, "it predicts better, but less simply", better=True)
+    if told_apart and needed(rival, best, len(s.terms), max(len(beside), 1)):
+        return of("it predicts better, but less simply", better=True)
     if beyond_doubt(margin):
-        return Rival(other, rival.fit, margin, f"it predicts worse ({odds(margin)} against it)")
+        return of(f"it predicts worse ({odds(margin)} against it)")
     if same_body(s.sim.ctx, term, other):
-        return Rival(other, rival.fit, margin, "it is the same rigid body under another name")
-    if same(s.sim.ctx, term, other) and told_apart:
-        return Rival(
-            other, rival.fit, margin, "no recording of this machine can tell the two apart", tied=True
-        )
+        return of("it is the same rigid body under another name")
+    if beside or (same(s.sim.ctx, term, other) and told_apart):
+        return of("no recording of this machine can tell the two apart", tied=True)
     if _contains(rival.fit, best.fit.hypothesis.without(term), term):
-        why = f"it contains {term.name.replace('_', ' ')} as a special case and gains nothing by its further parameters"
-        return Rival(other, rival.fit, margin, why)
+        return of(
+            f"it contains {term.name.replace('_', ' ')} as a special case and gains nothing by its further parameters"
+        )
     if other.effect.tier > term.effect.tier:
-        why = "it fits as well, but is the less direct explanation"
-        return Rival(other, rival.fit, margin, why)
+        return of("it fits as well, but is the less direct explanation")
     if not told_apart:
-        return Rival(other, rival.fit, margin, "the data do not determine its parameters")
+        return of("the data do not determine its parameters")
     if rival.directions > best.directions:
-        return Rival(other, rival.fit, margin, "it needs more free parameters for the same fit")
-    return Rival(other, rival.fit, margin, "the data cannot tell the two apart", tied=True)
+        return of("it needs more free parameters for the same fit")
+    return of("the data cannot tell the two apart", tied=True)
