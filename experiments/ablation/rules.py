@@ -209,8 +209,9 @@ GATES = (
         "where nothing was found or something is left, longer windows are looked at",
         ("ENOUGH_WINDOWS",),
         "selection.procedure:_on_longer_windows",
-        lambda _own, _p, _s, f, _say: (f, {}),
-        lambda answer, _p, _s, f, _say: answer[0] is not f,
+        lambda _own, _p, s, f, rivals, _say: (f, rivals, s),
+        # what is left shows in them too
+        lambda answer, _p, s, *_args: answer[2] is not s,
     ),
     Gate(
         "adding",

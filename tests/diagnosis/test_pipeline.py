@@ -22,7 +22,7 @@ PARTS = ("with_moved_delays", "with_moved_zeros")
 def decision(rubbing):
     s, _ = rubbing
     f = fitted(s, {COULOMB: [0.1]})
-    return Decision(f, {COULOMB: []}, Floor(), None)
+    return Decision(f, {COULOMB: []}, Floor(), None, None)
 
 
 @pytest.mark.parametrize("moves", [(), PARTS[:1], PARTS[1:], PARTS])

@@ -13,7 +13,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate
-from mpge_jax.diagnosis.estimation.whitening import KAPPA, Whitener, numerics, whitener
+from mpge_jax.diagnosis.estimation.whitening import KAPPA, Whitener, nuisances, whitener
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -50,7 +50,7 @@ def settled(
         ordinary: relative chi^2 of windows that stay as they are. elsewhere: search the worst few windows, each from
             several starts drawn at random, and not all from where they are.
     """
-    nuisance = numerics(sim, f.hypothesis, f.theta, w)
+    nuisance = nuisances(sim, f.hypothesis, f.theta, w)
     whole = whitener(sim, f.hypothesis, f.theta, w, noise, nuisance, temper=False)
     x = evaluate(sim, [f], w, whole)[0].x
     odd = np.flatnonzero(x > ordinary)
@@ -70,7 +70,7 @@ def settled(
     moved = w.moved.copy()
     moved[odd] = tried[best]
     new = replace(w, moved=moved)
-    nuisance = numerics(sim, f.hypothesis, f.theta, new)
+    nuisance = nuisances(sim, f.hypothesis, f.theta, new)
     white = whitener(sim, f.hypothesis, f.theta, new, noise, nuisance, temper=False)
     better = evaluate(sim, [f], new, white)[0].x < x
     return replace(w, moved=np.where(better[:, None, None], moved, w.moved)) if better.any() else w

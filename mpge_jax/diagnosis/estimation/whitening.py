@@ -28,9 +28,10 @@ KAPPA = 5.0
 NUISANCE = 3.0
 STEP, LATE, INTEGRATOR, OLDER = "timestep", "late commands", "integrator", "older forces"
 """What changes motion and is no physics (see `numerics`)."""
+BEFORE = "commands before the recording, of actuator"
 INEXACT = 0.03
-"""Share of what the timestep changes that follows no direction: where drives saturate or
-starts are uncertain, it is not linear. It counts as noise."""
+"""Share of what the timestep, and commands from before the recordings, change that follows no direction: where drives
+saturate or starts are uncertain, it is not linear. It counts as noise."""
 _CAP = 1e8
 
 
@@ -134,10 +135,15 @@ def whitener(
     """
     scale, inexact = column_scale(noise, sim.model), False
     if nuisance:
-        change = np.nan_to_num(nuisance[STEP])
-        # where it crosses zero, what is unknown of it does not
-        change = np.maximum(np.abs(change), np.sqrt((change**2).mean(1, keepdims=True)))
-        unknown = INEXACT * change
+        # where a change crosses zero, what is unknown of it does not
+        unknown = INEXACT * np.sqrt(
+            sum(
+                np.maximum(change**2, (change**2).mean(1, keepdims=True))
+                for change in (
+                    np.nan_to_num(d) for kind, d in nuisance.items() if kind.startswith((STEP, BEFORE))
+                )
+            )
+        )
         compared = np.isfinite(nuisance[STEP]) & np.isfinite(scale)
         inexact = bool(compared.any() and (unknown > scale)[compared].mean() > 0.5)
         scale = np.hypot(scale, unknown)
@@ -201,6 +207,18 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
     older = w.older(1.1)
     if older is not None:
         out[OLDER] = sim.residuals(run, older)[0] - plain
+    return out
+
+
+def nuisances(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> dict[str, Array]:
+    """Changes of the residuals [W, N, 2 nv] by `numerics`, and by commands from before the recordings, of which late or
+    lagging actuators still have some at the first rows."""
+    out = numerics(sim, hypothesis, theta, w)
+    run = [Run(hypothesis, theta)]
+    for a in sorted({t.place.index for t in hypothesis.terms if t.effect.commands}):
+        other = w.commanded_before(a)
+        if other is not None:
+            out[f"{BEFORE} {a}"] = sim.residuals(run, other)[0] - sim.residuals(run, w)[0]
     return out
 
 

@@ -96,7 +96,7 @@ def errors_without(p: Prepared, f: Fitted, report: FitReport) -> dict[Term, Erro
 BY_CHANCE = "some recordings speak for it, but others are not predicted better with it by more than chance"
 
 
-def left_out(gone: list[Term], why: str = BY_CHANCE) -> list[str]:
+def left_out(gone: list[Term], why: str) -> list[str]:
     """What is said of effects that were found and are not reported; nothing where there are none."""
     gone = [t for t in gone if t.effect.named]
     if not gone:

@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.estimation.prediction_error import noise_floor
 from mpge_jax.diagnosis.estimation.whitening import (
     column_scale,
     in_finer_steps,
-    numerics,
+    nuisances,
     robust_loss,
     whitener,
 )
@@ -125,7 +125,7 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     if not cuts.count:
         return Floor()
     white = whitener(
-        sim, f.hypothesis, f.theta, cuts, noise, numerics(sim, f.hypothesis, f.theta, cuts), temper=False
+        sim, f.hypothesis, f.theta, cuts, noise, nuisances(sim, f.hypothesis, f.theta, cuts), temper=False
     )
     residual = sim.residuals([Run(f.hypothesis, f.theta)], cuts)[0]
     flat = white(residual)

@@ -14,12 +14,14 @@ from mpge_jax.diagnosis.recordings.recording import Recording, rows_of
 Part = Literal["train", "choice", "test"]
 PARTS: tuple[Part, ...] = ("train", "choice", "test")
 TEST, CHOICE = 1 / 4, 1 / 3
-"""Share of the recordings that test, and share of the others that choose."""
+"""Share of what was recorded that tests, and share of the rest that chooses."""
 WHOLE = 4
 """Recordings from which on whole ones test; of fewer, the last stretch of each does."""
 LONG = 60
 """Rows of the usual recording from which on the last stretch of each chooses: of recordings that were made to show one
 joint each, no part of them would show what the others do."""
+DRAWS, ABOUT = 100, 0.1
+"""Draws of whole recordings, and how far their duration may be from their share."""
 FEWEST_ROWS = 3
 """Rows of a stretch."""
 
@@ -103,12 +105,28 @@ def _apart(
 ) -> tuple[list[Recording], list[Recording]]:
     """Recordings, and a share of them set apart: `whole` ones, or the last stretch of each (`run_test` of `run`)."""
     if whole:
-        count = max(1, round(len(recordings) * share))
-        chosen = set(rng.permutation(len(recordings))[:count].tolist())
+        chosen = _share_of([r.duration for r in recordings], share, rng)
         parts = ([r for k, r in enumerate(recordings) if (k in chosen) is apart] for apart in (False, True))
         return next(parts), next(parts)
     cut = [_cut(r, share, f"{r.name}_{part}") for r in recordings]
     return [first for first, _ in cut], [last for _, last in cut if last is not None]
+
+
+def _share_of(durations: list[float], share: float, rng: np.random.Generator) -> set[int]:
+    """Indices of a share of the recordings that together last about as much of the time: the first of several draws
+    that does, else the nearest."""
+    count = max(1, round(len(durations) * share))
+    wanted = count * float(np.mean(durations))
+    best: set[int] = set()
+    nearest = np.inf
+    for _ in range(DRAWS):
+        drawn = set(rng.permutation(len(durations))[:count].tolist())
+        off = abs(sum(durations[k] for k in drawn) - wanted)
+        if off < nearest:
+            best, nearest = drawn, off
+        if off <= ABOUT * wanted:
+            break
+    return best
 
 
 def _cut(r: Recording, share: float, name: str) -> tuple[Recording, Recording | None]:

@@ -9,8 +9,9 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.missing_force import missing
-from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
+from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
 from mpge_jax.diagnosis.evidence.held_out_error import (
+    BY_CHANCE,
     WINDOWS,
     FitReport,
     errors_without,
@@ -22,12 +23,15 @@ from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatte
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
-from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, LARGER, SURELY, USUALLY
+from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, LARGER, MEANS_SOMETHING, SURELY, USUALLY
 
 Array = np.ndarray
 ITERATIONS = 4
 SHORT = 0.12
 """Length (s) of the windows in each of which one force is told."""
+ALIKE = 1e-3
+"""Share by which errors differ where it makes no difference to a motion whether an effect is there."""
+NOT_SHOWN = "some recordings speak for it, but those that are to confirm it move alike with it and without it"
 ADDS = "with it the machine would need more force than without it to move as it did"
 
 
@@ -42,35 +46,39 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
         if not more:
             break
         f, report, gone = _needed(p, s, f, part)
-        adding, needless = adding + more, needless + gone
-    p.warnings += left_out(adding, ADDS) + left_out(needless)
-    return f, report, adding + needless
+        adding, needless = adding + more, needless | gone
+    p.warnings += left_out(adding, ADDS)
+    for why in dict.fromkeys(needless.values()):
+        p.warnings += left_out([t for t, its in needless.items() if its == why], why)
+    return f, report, [*adding, *needless]
 
 
-def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, FitReport, list[Term]]:
+def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, FitReport, dict[Term, str]]:
     """The fit without the effects that do not make one part's recordings better predicted, over windows of the reported
-    length, beyond doubt; with its errors there, and those effects.
+    length, beyond doubt; with its errors there, and those effects with why they went.
 
     One is taken away at a time, as others may stand in for it, and the others are fitted again. All that went together
     must not be missed either, nor may what is left predict no better than the model as given where more did: what each
     of many explains may be too slight to be sure of, and its sum is not. What never predicts better goes as a whole.
     """
-    gone: list[Term] = []
+    gone: dict[Term, str] = {}
     report = fit_report(p, f, part)
     best = report.after
     while f.hypothesis.terms:
-        sure = {t: _evidence(e, report.after) for t, e in errors_without(p, f, report).items()}
+        without = errors_without(p, f, report)
+        sure = {t: _evidence(e, report.after, report.floors) for t, e in without.items()}
         weakest = min(sure, key=lambda t: sure[t])
         if beyond_doubt(sure[weakest]):
             break
         fewer = _refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
         its = fit_report(p, fewer, part)
-        if beyond_doubt(_evidence(its.after, best)) or (_helps(report) and not _helps(its)):
+        if beyond_doubt(_evidence(its.after, best, report.floors)) or (_helps(report) and not _helps(its)):
             break
-        gone.append(weakest)
+        idle = np.allclose(without[weakest].window, report.after.window, rtol=ALIKE, atol=0.0)
+        gone[weakest] = NOT_SHOWN if idle else BY_CHANCE
         f, report, best = fewer, its, min(best, its.after, key=lambda e: e.rms)
     if f.hypothesis.terms and not _helps(report):
-        gone += f.hypothesis.terms
+        gone |= dict.fromkeys(f.hypothesis.terms, BY_CHANCE)
         f, report = NOTHING, fit_report(p, NOTHING, part)
     return f, report, gone
 
@@ -107,18 +115,29 @@ def _adds(p: Prepared, f: Fitted, term: Term, w: Windows, here: tuple[Array, Arr
 def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
     """Whether recordings that only choose are predicted better, over windows of the reported length, beyond doubt."""
     w = judged(p, "choice")
-    return beyond_doubt(_evidence(*(errors(p.sim, f, w, p.noise) for f in (old, new))))
+    before, after = (errors(p.sim, f, w, p.noise) for f in (old, new))
+    return beyond_doubt(_evidence(before, after, np.sqrt(noise_floor(p.sim, new, w, p.noise))))
 
 
 def _helps(report: FitReport) -> bool:
     """Whether a fit predicts better than the model as given."""
-    return beyond_doubt(_evidence(report.before, report.after))
+    return beyond_doubt(_evidence(report.before, report.after, report.floors))
 
 
-def _evidence(without: Errors, after: Errors) -> float:
-    """Logarithm of the likelihood ratio by which squared errors of windows fall with what the former lack."""
+def _evidence(without: Errors, after: Errors, floors: Array) -> float:
+    """Logarithm of the likelihood ratio by which squared errors of windows fall with what the former lack. Where the
+    better ones show nothing but noise in any window, errors count in units of it, though few windows gain: a drive may
+    saturate now and then.
+
+    Args:
+        floors: [W] errors that noise alone leaves.
+    """
     gain = without.window**2 - after.window**2
-    return by_scatter(gain) if gain.size > 1 else float(np.sign(gain.sum()) * np.inf)
+    ratio = by_scatter(gain) if gain.size > 1 else float(np.sign(gain.sum()) * np.inf)
+    least = 0.5 * float((gain / np.maximum(floors**2, 1e-300)).sum())
+    better = after if least > 0.0 else without
+    quiet = bool((better.window <= MEANS_SOMETHING * floors).all())
+    return least if quiet and abs(least) > abs(ratio) else ratio
 
 
 def _refitted(s: Search, f: Fitted) -> Fitted:

@@ -16,6 +16,7 @@ from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
+from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined, with_timestep_error
 from mpge_jax.diagnosis.selection.confirmation import confirmed, predicts_better
@@ -35,14 +36,14 @@ class Decision:
     """Effects with rivals by term, the noise's floor and what is left.
 
     Attributes:
-        search: what found them, perhaps in longer windows than those that decide.
+        search: the one in the longest windows that were looked at.
     """
 
     fit: Fitted
     rivals: dict[Term, list[Rival]]
     noise: Floor
     left: Remainder | None
-    search: Search | None = None
+    search: Search
 
 
 def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
@@ -50,32 +51,37 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
     nothing of the fit are predicted better with, and refine that on all that may be looked at."""
     c = p.config
     f, rivals = _settle(s, *search(s))
-    noise, left = _left(p, s, f)
+    noise, left = _left(p, f, s)
     looked = s
     if left is not None or not f.hypothesis.terms:
-        more, its, looked = _on_longer_windows(p, s, f, say)
-        if more is not f:
-            f, rivals = more, its
-            noise, left = _left(p, s, f)
-    f, _, gone = confirmed(p, s, f, "choice")
-    if gone:
-        rivals = {t: r for t, r in rivals.items() if t in f.hypothesis.terms}
-        noise, left = _left(p, s, f, looked)
+        reached = f
+        f, rivals, looked = _on_longer_windows(p, s, f, rivals, say)
+        if f is not reached or left is None:
+            # what is too slight to show in the shorter windows, and what nobody can name, may show in these
+            noise, left = _left(p, f, s, looked)
+    found, _ = _kept(p, s, Decision(f, rivals, noise, left, looked), "choice")
+    f = found.fit
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
-    if f.theta.size and left is None and c.report_s > c.decide_s and not s.sim.rugged(f.hypothesis):
+    if f.theta.size and found.left is None and c.report_s > c.decide_s and not s.sim.rugged(f.hypothesis):
         say("refining parameters")
-        f = refined(s, f, _longer(p))
-    return Decision(f, rivals, noise, left, looked)
+        found = replace(found, fit=refined(s, f, _longer(p)))
+    return found
 
 
 def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport]:
     """What was found, without what the test recordings are predicted no better with; and the errors there."""
-    f, report, gone = confirmed(p, s, found.fit, "test")
-    if gone:
-        rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
-        noise, left = _left(p, s, f, found.search)
-        found = replace(found, fit=f, rivals=rivals, noise=noise, left=left)
+    found, report = _kept(p, s, found, "test")
     return replace(found, fit=_with_what_masses_leave_open(p, s, found)), report
+
+
+def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision, FitReport]:
+    """What was found, as far as one part's recordings confirm it; and the errors there."""
+    f, report, gone = confirmed(p, s, found.fit, part)
+    if not gone:
+        return replace(found, fit=f), report
+    rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
+    noise, left = _left(p, f, s, found.search)
+    return Decision(f, rivals, noise, left, found.search), report
 
 
 def _with_what_masses_leave_open(p: Prepared, s: Search, found: Decision) -> Fitted:
@@ -91,15 +97,12 @@ def _longer(p: Prepared) -> Windows:
     return p.all_to_train().windows("train", p.config.report_s, REFINED)
 
 
-def _left(p: Prepared, s: Search, f: Fitted, looked: Search | None = None) -> tuple[Floor, Remainder | None]:
-    """What noise alone would leave if `f` were true, and what it leaves if that is more.
-
-    Args:
-        looked: the search that found what `f` no longer has. What that explained may show in its windows alone.
-    """
-    for its in (s,) if looked is None or looked is s else (s, looked):
+def _left(p: Prepared, f: Fitted, *searches: Search) -> tuple[Floor, Remainder | None]:
+    """What noise alone would leave of a search's windows if `f` were true, and what it leaves if that is more: of the
+    first search where it is, or of the last."""
+    for its in {id(x): x for x in searches}.values():
         noise = floor(p, f, its.length)
-        s.log.append(f"floor {noise.loss:.3f} +- {noise.error:.3f}")
+        searches[0].log.append(f"floor {noise.loss:.3f} +- {noise.error:.3f}")
         left = remainder(its, f, noise)
         if left is not None:
             break
@@ -107,21 +110,21 @@ def _left(p: Prepared, s: Search, f: Fitted, looked: Search | None = None) -> tu
 
 
 def _on_longer_windows(
-    p: Prepared, s: Search, f: Fitted, say: Callable[[str], None]
+    p: Prepared, s: Search, f: Fitted, rivals: dict[Term, list[Rival]], say: Callable[[str], None]
 ) -> tuple[Fitted, dict[Term, list[Rival]], Search]:
-    """`f`, or what a search finds that goes on from there in windows longer than those of `s`, where what is slight
-    adds up and what a window's start leaves open counts less; with its rivals then, and the search that found it.
+    """`f` with its rivals, or what a search finds that goes on from there in windows longer than those of `s`, where
+    what is slight adds up and what a window's start leaves open counts less; and the search in the longest of them.
 
     Windows become twice as long as often as that finds more, what is left shows in them more clearly (a motion that
     cannot be predicted for so long shows less), and recordings that only choose are predicted better with it.
     """
-    rivals: dict[Term, list[Rival]] = {}
-    found = s
-    length, steps, usual, stride = p.config.report_s, s.train.steps, _usual(s, f), s.sim.stride
+    longest = s
+    length, usual, stride = p.config.report_s, _usual(s, f), s.sim.stride
     while True:
         longer = build_search(p, say, length)
         few = min(longer.train.count, longer.held.count) < ENOUGH_WINDOWS
-        if few or longer.train.steps <= steps or (f.hypothesis.terms and _usual(longer, f) <= usual):
+        blurred = f.hypothesis.terms and _usual(longer, f) <= usual
+        if few or longer.train.steps <= longest.train.steps or blurred:
             break
         say(f"looking on in windows of {longer.train.times.max():.2g} s")
         longer.resume, longer.looked = Reached(f), s.looked
@@ -129,14 +132,15 @@ def _on_longer_windows(
         if more.hypothesis != f.hypothesis:
             more, its = _settle(longer, more, last)
         s.log += longer.log
+        longest = longer
         if more.hypothesis == f.hypothesis or not more.hypothesis.terms:
             break
         if f.hypothesis.terms and not predicts_better(p, more, f):
             break
-        f, rivals, found = more, its, longer
-        length, steps, usual = 2.0 * length, longer.train.steps, _usual(longer, more)
+        f, rivals = more, its
+        length, usual = 2.0 * length, _usual(longer, more)
     s.sim.stride = stride
-    return f, rivals, found
+    return f, rivals, longest
 
 
 def _usual(s: Search, f: Fitted) -> float:

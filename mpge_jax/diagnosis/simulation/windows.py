@@ -127,6 +127,21 @@ class Windows:
         grid = self.dt * np.arange(-self.history, self.steps + 1) - seconds
         return replace(self, command=self._commands(grid))
 
+    def commanded_before(self, a: int) -> Windows | None:
+        """The same windows with commands of actuator `a` from before their recordings that are nearer to its mean
+        or beyond it, by as much as its commands spread (the first one may be as large as it can be); None where no
+        window's history reaches so far back."""
+        grid = self.dt * np.arange(-self.history, self.steps)
+        begin = np.array([self.sources[s].recording.time[0] for s in self.source])
+        before = self.start[:, None] + grid < begin[:, None] - 1e-9
+        if not before.any():
+            return None
+        given = np.concatenate([s.command[:, a] for s in self.sources])
+        command = self.command.copy()
+        step = np.where(command[:, :, a] > given.mean(), -given.std(), given.std())
+        command[:, :, a] += np.where(before, step, 0.0)
+        return replace(self, command=command)
+
     def older(self, factor: float) -> Windows | None:
         """The same windows with servos' forces `factor` times as old; None where none has an age."""
         if not any(s.age.any() for s in self.sources):

@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
-from mpge_jax.diagnosis.evidence.held_out_error import left_out
+from mpge_jax.diagnosis.evidence.held_out_error import BY_CHANCE, left_out
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter, odds
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
@@ -46,7 +46,7 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     fit, needless = _confirmed(found.search.bank, found.fit, test)
     fit = beside_inexact_inertias(found.balance, fit, p.config.masses_within)
     held = errors_of(p, p.test, test, fit)
-    p.warnings += left_out(needless)
+    p.warnings += left_out(needless, BY_CHANCE)
     train = force_errors(p, p.looked_at, resolution, fit)
     rivals = {t: _rivals(found, fit, t) for t in fit.hypothesis.terms}
     real, share = _left(held)

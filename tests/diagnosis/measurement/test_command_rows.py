@@ -48,7 +48,7 @@ def test_the_likelihood_tells_which_row_a_command_belongs_to(flights, rows, late
     # told from elsewhere, it is fitted anew either way
     f = fitted(s, {DRAG: [1.5]})
     assert rows_are_late(p, f) == late
-    again = MeasurementModel.without_physics(p, {}).with_moved_rows(Decision(f, {}, None, None))
+    again = MeasurementModel.without_physics(p, {}).with_moved_rows(Decision(f, {}, None, None, None))
     assert (again is not None) == late == (READ_SO in p.warnings)
     if late:
         true = {r.name: r.ctrl for r in flights}
@@ -60,7 +60,7 @@ def test_the_likelihood_tells_which_row_a_command_belongs_to(flights, rows, late
 def test_where_nothing_is_missing_nobody_asks(flights):
     p = prepared_of(ROTORS, moved(flights, 1))
     measurement = MeasurementModel.without_physics(p, {})
-    assert measurement.with_moved_rows(Decision(NOTHING, {}, None, None)) is None
+    assert measurement.with_moved_rows(Decision(NOTHING, {}, None, None, None)) is None
 
 
 def test_measured_forces_stay_on_their_rows(flights):
@@ -120,5 +120,5 @@ def test_commands_are_moved_once(flights):
     p = prepared_of(ROTORS, moved(flights, 2))
     p.warnings.append(READ_SO)
     s = build_search(p, lambda _text: None, p.config.decide_s)
-    found = Decision(fitted(s, {DRAG: [0.5]}), {}, None, None)
+    found = Decision(fitted(s, {DRAG: [0.5]}), {}, None, None, None)
     assert MeasurementModel.without_physics(p, {}).with_moved_rows(found) is None

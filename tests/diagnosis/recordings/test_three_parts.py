@@ -35,6 +35,18 @@ def test_without_names_a_seeded_quarter_tests_and_of_short_ones_a_third_of_the_o
     assert names(twelve) == names(twelve) and len({tuple(names(twelve, seed=k)[2]) for k in range(5)}) > 1
 
 
+def test_parts_are_shares_of_the_time_recorded_however_unequal_recordings_are():
+    rows = [102, 5, 5, 6, 6, 8, 21, 6, 5, 94, 10, 24, 63, 12, 40, 5, 5, 6, 7, 102]
+    recordings = [r for k, n in enumerate(rows) for r in runs(f"r{k}", rows=n)]
+    for seed in range(8):
+        x = three_parts(recordings, None, np.random.default_rng(seed))
+        lasts = np.array([sum(r.duration for r in part) for part in (x.train, x.choice, x.test)])
+        np.testing.assert_allclose(lasts / lasts.sum(), (1 / 2, 1 / 4, 1 / 4), atol=0.06)
+    # one that lasts longer than all others together trains
+    train, choice, test = names([*runs("long", rows=41), *runs(*"abcdef", rows=6)])
+    assert "long" in train and choice and test
+
+
 @pytest.mark.parametrize(("count", "said"), [(1, "only one recording"), (3, "few recordings")])
 def test_of_few_recordings_the_last_stretches_are_set_apart(count, said):
     x = three_parts(runs(*"abc"[:count]), None, np.random.default_rng(0))

@@ -9,6 +9,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.missing_force import missing
 from mpge_jax.diagnosis.estimation.prediction_error import Errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.selection import confirmation
 from mpge_jax.diagnosis.selection.confirmation import confirmed
 from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, fitted, slight
@@ -73,6 +74,31 @@ def test_two_that_help_together_stay_though_neither_is_sure_beside_the_model_as_
     _by_hand(monkeypatch, dict(zip((COULOMB, GAIN), slight(2, WINDOWS), strict=True)), far=0.0)
     f, report, gone = confirmed(p, s, fitted(s, {COULOMB: [0.1], GAIN: [1.1]}), "test")
     assert not gone and len(f.hypothesis.terms) == 2 and report.after.rms < report.before.rms
+
+
+def test_what_others_do_not_show_goes_and_that_is_said(rubbing, monkeypatch):
+    s, p = rubbing
+    _by_hand(monkeypatch, {COULOMB: np.full(WINDOWS, 500.0) + np.arange(WINDOWS), GAIN: np.zeros(WINDOWS)})
+    f, _, gone = confirmed(p, s, fitted(s, {COULOMB: [0.1], GAIN: [1.1]}), "test")
+    assert gone == [GAIN] and f.hypothesis.terms == (COULOMB,)
+    assert "actuator gain at motor" in p.warnings[-1] and confirmation.NOT_SHOWN in p.warnings[-1]
+
+
+@pytest.mark.parametrize(
+    ("left", "sure"),
+    [
+        pytest.param(1.0, True, id="noise alone is left: a drive that saturates now and then"),
+        pytest.param(3.0, False, id="more is left: as likely chance"),
+    ],
+)
+def test_a_window_convinces_where_nothing_but_noise_is_left(left, sure):
+    floors, after = np.ones(WINDOWS), np.ones(WINDOWS)
+    before = after.copy()
+    before[0] = 9.0
+    after[-1] = before[-1] = left
+    evidence = confirmation._evidence(*(Errors(0.0, floors, x, floors) for x in (before, after)), floors)
+    assert beyond_doubt(evidence) == sure
+    assert (evidence == pytest.approx(40.0)) == sure
 
 
 def test_what_harms_is_no_measure_of_what_is_missed(rubbing, monkeypatch):

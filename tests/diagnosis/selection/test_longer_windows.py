@@ -9,6 +9,8 @@ import pytest
 from mpge_jax.diagnosis import Config
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.evidence.null_distribution import Floor
+from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.selection import procedure
 from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING
 
@@ -60,7 +62,7 @@ class Bench:
         p = SimpleNamespace(config=Config())
         s = self.build(p, None, 0.25)
         self.sim.stride = 1
-        return procedure._on_longer_windows(p, s, f, lambda text: None)
+        return procedure._on_longer_windows(p, s, f, {}, lambda text: None)
 
 
 @pytest.mark.parametrize(
@@ -79,12 +81,12 @@ class Bench:
 )  # fmt: skip
 def test_windows_become_longer_as_long_as_that_helps(monkeypatch, found, options, begins, ends, lengths):
     bench = Bench(monkeypatch, found, **options)
-    f, rivals, found_by = bench.run(begins)
+    f, rivals, longest = bench.run(begins)
     assert f is ends
     assert [length for length, _ in bench.searched] == lengths
     kept = [length for length in lengths if found[length] is ends]
     assert rivals == ({} if f is begins else {"rivals": kept[0]})
-    assert found_by.length == (0.25 if f is begins else kept[0])
+    assert longest.length == max([0.25, *lengths])
     assert bench.sim.stride == 1
 
 
@@ -99,3 +101,27 @@ def test_a_few_windows_decide_nothing(monkeypatch):
     monkeypatch.setattr(procedure, "ENOUGH_WINDOWS", 41)
     assert bench.run(ONE)[0] is TWO
     assert [length for length, _ in bench.searched] == [0.5]
+
+
+@pytest.mark.parametrize("shows", [(), (0.5,), (0.25, 0.5)])
+def test_what_is_left_is_judged_in_all_windows_that_were_looked_at(monkeypatch, shows):
+    bench = Bench(monkeypatch, {0.25: NOTHING, 0.5: NOTHING})
+    floors, judged = [], []
+
+    def floor(p, f, length):
+        floors.append(length)
+        return Floor()
+
+    def remainder(s, f, noise):
+        judged.append(s.length)
+        return s.length if s.length in shows else None
+
+    monkeypatch.setattr(procedure, "floor", floor)
+    monkeypatch.setattr(procedure, "remainder", remainder)
+    monkeypatch.setattr(procedure, "confirmed", lambda p, s, f, part: (f, None, []))
+    s = bench.build(None, None, 0.25)
+    s.resume = Reached()
+    found = procedure.decide(SimpleNamespace(config=Config()), s, lambda text: None)
+    assert found.left == (min(shows) if shows else None)
+    assert found.search.length == 0.5
+    assert floors == judged and set(judged) == ({0.25} if 0.25 in shows else {0.25, 0.5})
