@@ -29,8 +29,6 @@ Array = np.ndarray
 ITERATIONS = 4
 SHORT = 0.12
 """Length (s) of the windows in each of which one force is told."""
-ALIKE = 1e-3
-"""Share by which errors differ where it makes no difference to a motion whether an effect is there."""
 NOT_SHOWN = "some recordings speak for it, but those that are to confirm it move alike with it and without it"
 ADDS = "with it the machine would need more force than without it to move as it did"
 
@@ -74,7 +72,7 @@ def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, FitR
         its = fit_report(p, fewer, part)
         if beyond_doubt(_evidence(its.after, best, report.floors)) or (_helps(report) and not _helps(its)):
             break
-        idle = np.allclose(without[weakest].window, report.after.window, rtol=ALIKE, atol=0.0)
+        idle = np.allclose(without[weakest].window, report.after.window)
         gone[weakest] = NOT_SHOWN if idle else BY_CHANCE
         f, report, best = fewer, its, min(best, its.after, key=lambda e: e.rms)
     if f.hypothesis.terms and not _helps(report):
