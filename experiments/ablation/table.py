@@ -67,7 +67,8 @@ force with an effect was at most 1.35 times that without it; with those effects 
 
 Tried and not kept: ranks in place of a mean that is in doubt (two windows slip, the others differ by next to nothing:
 a certain wrong answer); searching longer windows also where the shorter ones leave nothing (four cases, no answer
-better); functions of what is left that depend on how far a joint went since it turned (on brfd, kinova_gen3 and
+better; on a balancing robot, which no one can predict for long, three wrong names in place of one);
+functions of what is left that depend on how far a joint went since it turned (on brfd, kinova_gen3 and
 panda_bag, no steady gain on test recordings); weak or late drives of all joints at once, beside friction, damping
 and rotor inertia. Weak drives together imitate a mass (on two of six arms that lack something in every joint the
 names became wrong), and delays of all drives are, in a log, those of all sensors. Where the motion is given: factors of
