@@ -66,7 +66,7 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
 
 
 def due(s: Search, current: Fitted) -> bool:
-    """Whether it is time for that look, which is done once."""
+    """Whether it is time for that look, if it was not done."""
     if s.looked:
         return False
     if len(current.hypothesis.terms) == AFTER:

@@ -55,7 +55,11 @@ def _everywhere_or_one_more(s: Search, current: Fitted) -> Fitted:
     if one is None:
         return wider
     all_of_them, one = s.score([wider, one.fit], s.whiten(wider))
-    return wider if clearly_worse(one, all_of_them) else one.fit
+    if clearly_worse(one, all_of_them):
+        return wider
+    # beside it, all of them may explain more
+    s.looked = False
+    return one.fit
 
 
 def _chosen(s: Search, ranked: list[Scored], base: Scored) -> Scored | None:

@@ -37,7 +37,8 @@ class Search:
         accepted fit, so that an interrupted search can go on. resume: where to go on. typical: how many of the training
         windows, the first ones, were drawn at random; the others were chosen because the nominal model misses most
         there.
-        looked: whether all joints were looked at together (`all_joints.everywhere`), which is done once.
+        looked: whether all joints were looked at together (`all_joints.everywhere`), which is done once, and again
+            beside one more effect that explained as much.
         floor: what a hypothesis would leave if it were true, by simulation; needed where noise enters otherwise than
         through start and measurements (measured forces).
     """

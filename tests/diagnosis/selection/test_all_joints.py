@@ -89,6 +89,8 @@ def test_what_is_in_one_joint_is_not_sought_in_all():
     more = searching._everywhere_or_one_more(s, one)
     assert len(more.hypothesis.terms) == 2 and not drives & set(more.hypothesis.terms)
     assert {t.place.name for t in more.hypothesis.terms} == {"shoulder", "fore"}
+    # beside it, all joints may explain more: they are looked at again
+    assert not s.looked
 
 
 def test_all_joints_are_looked_at_once_before_a_search_ends(monkeypatch):
