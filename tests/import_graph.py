@@ -12,6 +12,7 @@ PAGE = ROOT / "docs" / "architecture.md"
 BEGIN, END = "<!-- drawn by python -m tests.import_graph -->", "<!-- end of what is drawn -->"
 
 D, B = "mpge_jax.diagnosis", "experiments.blind"
+SECOND = "experiments.second_author"
 ROOMS = (
     "mpge_jax.commands", "mpge_jax.own_code", "envs", "mpge_jax.own_envs",
     "mpge_jax.files", "mpge_jax.progress", "mpge_jax.sharding", "mpge_jax.loop",
@@ -25,7 +26,7 @@ ROOMS = (
     "mpge_jax.recorded", "mpge_jax", "experiments.ending", "experiments.command_line", "experiments.runners",
     f"{B}.vocabulary", f"{B}.robots", f"{B}.truth", f"{B}.visibility", f"{B}.draws", f"{B}.case", f"{B}.wishes",
     f"{B}.circumstances", f"{B}.build", f"{B}.told", f"{B}.run", f"{B}.scoring", B,
-    "experiments.fleet", "experiments", "experiments.scale", "experiments.benchmark.peers",
+    SECOND, "experiments.fleet", "experiments", "experiments.scale", "experiments.benchmark.peers",
 )  # fmt: skip
 """Packages, and modules beside packages, from the lowest to the highest: each may import those before it. A package
 that stands behind its own parts holds what is left of it: the names that it gives to others."""

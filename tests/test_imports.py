@@ -10,6 +10,7 @@ from tests.import_graph import (
     PAGE,
     ROOMS,
     ROOT,
+    SECOND,
     B,
     D,
     direct,
@@ -82,6 +83,13 @@ def test_blind_cases_share_no_code_with_the_diagnosis():
         if within(module, B):
             shared = sorted(target for target in reachable(module) if within(target, D))
             assert shared == [], f"{module} reaches the engine that it puts to the test"
+
+
+def test_the_second_author_shares_code_with_neither():
+    for module in GRAPH:
+        if within(module, SECOND):
+            shared = sorted(target for target in reachable(module) if within(target, D) or within(target, B))
+            assert shared == [], f"{module} reaches what others wrote of the same physics"
 
 
 @pytest.mark.parametrize("package", [*PACKAGES, "tests"])

@@ -21,6 +21,7 @@ from experiments.fleet import __main__ as fleet
 from experiments.results import grounded_returns, heat_map
 from experiments.results import page as results
 from experiments.scale import __main__ as scale
+from experiments.second_author import __main__ as second_author
 from mpge_jax.diagnosis.effects import REGISTRY, VOCABULARY
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +32,7 @@ BY_TYRO = {
     "pretrain": pretrain.Args, "new": new.Args, "facts": facts.Args, "tuning": tuning.Args, "fleet": fleet.Args,
     "scale": scale.Command, "blind": blind.Command, "benchmark.peers": peers.Args,
     "atlas": atlas.Args, "results.heat_map": heat_map.Args, "ablation": ablation.Command,
-    "results.grounded_returns": grounded_returns.Args,
+    "results.grounded_returns": grounded_returns.Args, "second_author": second_author.Command,
 }  # fmt: skip
 BY_ARGPARSE = {"diagnose": diagnose, "inspect": inspect}
 STANDS_FOR = {"TASK": "Hopper", "KIND": "MS", "N": "4", "R": "ray"}

@@ -13,6 +13,7 @@ from experiments.demo import __main__ as demo
 from experiments.fleet import __main__ as fleet
 from experiments.results import page as results
 from experiments.scale import __main__ as scale
+from experiments.second_author import __main__ as second_author
 from mpge_jax import files
 from tests.diagnosis.machines import PENDULUM, record
 
@@ -28,6 +29,7 @@ COMMANDS = {
     "results": (results.main, [str(ROOT / "docs" / "results" / "SkewedPendulum-standard")]),
     "facts": (facts.main, []),
     "blind build": (blind.main, ["build", "--seed", "1"]),
+    "second_author build": (second_author.main, ["build"]),
     "scale robots": (scale.main, ["robots", "--joints", "1"]),
 }
 
@@ -58,8 +60,12 @@ def test_a_file_in_the_way_is_one_sentence(given, capsys, name):
     Path("file").write_text("important")
     assert given(name, "file/below.py" if name == "new" else "file/below/out") == 2
     said = capsys.readouterr().err.strip().splitlines()
-    # before it the benchmark shows its progress
-    assert len(said) == 1 + (name == "blind build") and "file" in said[-1] and "[Errno" not in said[-1]
+    # before it benchmarks show their progress
+    assert (
+        len(said) == 1 + (name in ("blind build", "second_author build"))
+        and "file" in said[-1]
+        and "[Errno" not in said[-1]
+    )
     assert Path("file").read_text() == "important"
 
 

@@ -36,7 +36,8 @@ def summary(marks: list[Mark]) -> dict[str, dict]:
     parameters = [p for m in single if m.exact > 0 for p in m.parameters]
     named = [p for m in marks if m.exact > 0 for p in m.parameters]
     drops = [m.drop for m in single if m.drop is not None]
-    gains = [m.judged[0] / max(m.judged[1], 1e-12) for m in marks if m.judged is not None]
+    # a model that is exact as given has an error of rounding alone, before and after
+    gains = [max(m.judged[0], 1e-12) / max(m.judged[1], 1e-12) for m in marks if m.judged is not None]
     gained = [
         m.judged[0] / max(m.judged[1], 1e-12) for m in seen if m.judged is not None and m.kind != "null"
     ]
