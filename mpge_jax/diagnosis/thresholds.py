@@ -64,4 +64,5 @@ found: twice as far as starts may be known worse than they are said to be."""
 SLIGHT = 0.02
 """Share of the squared error up to which what is left is told beside the effects and does not change the verdict."""
 MEANS_SOMETHING = 2.0
-"""How many times the noise the usual window's error must be for its share that is left to mean anything."""
+"""How many times the noise a window's error must be to mean anything: the usual one's for the share that is left, and
+any one's where effects are confirmed by errors in units of the noise."""

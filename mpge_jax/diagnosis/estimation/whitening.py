@@ -29,6 +29,7 @@ NUISANCE = 3.0
 STEP, LATE, INTEGRATOR, OLDER = "timestep", "late commands", "integrator", "older forces"
 """What changes motion and is no physics (see `numerics`)."""
 BEFORE = "commands before the recording, of actuator"
+"""What late actuators still obey when it begins (see `nuisances`), and the actuator's index."""
 INEXACT = 0.03
 """Share of what the timestep, and commands from before the recordings, change that follows no direction: where drives
 saturate or starts are uncertain, it is not linear. It counts as noise."""
@@ -135,15 +136,10 @@ def whitener(
     """
     scale, inexact = column_scale(noise, sim.model), False
     if nuisance:
+        changed = [np.nan_to_num(d) for kind, d in nuisance.items() if kind.startswith((STEP, BEFORE))]
         # where a change crosses zero, what is unknown of it does not
-        unknown = INEXACT * np.sqrt(
-            sum(
-                np.maximum(change**2, (change**2).mean(1, keepdims=True))
-                for change in (
-                    np.nan_to_num(d) for kind, d in nuisance.items() if kind.startswith((STEP, BEFORE))
-                )
-            )
-        )
+        square = [np.maximum(x**2, (x**2).mean(1, keepdims=True)) for x in changed]
+        unknown = INEXACT * np.sqrt(np.sum(square, axis=0))
         compared = np.isfinite(nuisance[STEP]) & np.isfinite(scale)
         inexact = bool(compared.any() and (unknown > scale)[compared].mean() > 0.5)
         scale = np.hypot(scale, unknown)
