@@ -86,9 +86,10 @@ def test_what_runs_took_is_read_from_their_folders(tmp_path, capsys):
     assert (
         command.main(["sweep", str(ROOT / "docs/results/SkewedPendulum-standard"), "--kept", str(kept)]) == 0
     )
-    cells = {cell.method: cell for cell in costs.read(CellCost, kept)}
+    cells = {(cell.method, cell.samples): cell for cell in costs.read(CellCost, kept)}
     # Three seeds' shares of 397.1 s.
-    assert cells["SPG"].seconds == pytest.approx(1191.3) and np.isnan(cells["SPG"].cpu_seconds)
+    spg = cells["SPG", 500]
+    assert spg.seconds == pytest.approx(1191.3) and np.isnan(spg.cpu_seconds)
     assert command.main(["fleet", str(tmp_path), "--kept", str(kept)]) == 2
     assert "scale: " in capsys.readouterr().err
 
