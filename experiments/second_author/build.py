@@ -48,9 +48,8 @@ def sensors_of(case: Case, m: mujoco.MjModel) -> dict[str, float | None]:
     }
 
 
-def concealed(case: Case, m: mujoco.MjModel) -> list[str]:
+def concealed(case: Case, m: mujoco.MjModel, sensors: dict[str, float | None]) -> list[str]:
     """What hides the physics, in words."""
-    sensors = sensors_of(case, m)
     words = [f"noise {sensors['noise']:.1e} rad"]
     if sensors["step"]:
         words.append(f"encoder steps of {sensors['step']:.1e} rad")
@@ -71,6 +70,7 @@ def answer(case: Case, seen: dict[str, float]) -> dict:
     effects = case.effects()
     rows = [{"id": e.id, "at": e.at, "parameters": e.values} for e in effects]
     known = [row for row, e in zip(rows, effects, strict=True) if not e.unknown]
+    sensors = sensors_of(case, m)
     places = sorted({*(e.at for e in effects), *case.also_at})
     return {
         "case": case.name,
@@ -90,8 +90,8 @@ def answer(case: Case, seen: dict[str, float]) -> dict:
         "unknown": [row for row, e in zip(rows, effects, strict=True) if e.unknown],
         "places": {at: sorted(same_drive(m, at)) for at in places},
         "visibility": seen,
-        "concealed": concealed(case, m),
-        "sensors": sensors_of(case, m),
+        "concealed": concealed(case, m, sensors),
+        "sensors": sensors,
     }
 
 

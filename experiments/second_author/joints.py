@@ -13,6 +13,13 @@ def stick(joint: ET.Element) -> None:
     joint.set("solimpfriction", ".99 .999 .001")
 
 
+def rub(root: ET.Element, joint: str, bound: float) -> None:
+    """Dry friction of that bound to begin with, which is set anew at each step."""
+    found = element(root, "joint", joint)
+    found.set("frictionloss", repr(bound))
+    stick(found)
+
+
 def add(joint: ET.Element, key: str, x: float) -> None:
     """Add to an attribute that may not be there."""
     joint.set(key, repr(float(joint.get(key, "0")) + x))
@@ -57,9 +64,7 @@ class Stribeck(Effect):
         super().__init__("stribeck_friction", at, coulomb=coulomb, static=static, velocity=velocity)
 
     def edit(self, root: ET.Element) -> None:
-        joint = element(root, "joint", self.at)
-        joint.set("frictionloss", repr(self.number("static")))
-        stick(joint)
+        rub(root, self.at, self.number("static"))
 
     def before(self, sim: Sim) -> None:
         dof = sim.dof(self.at)
@@ -76,9 +81,7 @@ class LoadFriction(Effect):
         self.actuator = actuator
 
     def edit(self, root: ET.Element) -> None:
-        joint = element(root, "joint", self.at)
-        joint.set("frictionloss", repr(self.number("coulomb")))
-        stick(joint)
+        rub(root, self.at, self.number("coulomb"))
 
     def before(self, sim: Sim) -> None:
         a = sim.actuator(self.actuator)

@@ -74,10 +74,9 @@ class Case:
         """What is recorded, and what only judges; `longest`: seconds of a run at most."""
         first = 100 * self.number + OTHER * seed
         # where nothing in a motion is random, another seed is the same again: `other_` runs are for judging alone
-        names = [run.name for run in self.motion(self.xml, first) if not run.name.startswith("other_")]
-        shown = {run.name: run for run in self.motion(self.xml, first)}
+        shown = [run for run in self.motion(self.xml, first) if not run.name.startswith("other_")]
         hidden = {run.name: run for run in self.motion(self.xml, first + JUDGES)}
-        both = [shown[name] for name in names], [hidden[name] for name in self.judging]
+        both = shown, [hidden[name] for name in self.judging]
         if longest is None:
             return both
         short = [[replace(run, seconds=min(run.seconds, longest)) for run in runs] for runs in both]

@@ -177,6 +177,13 @@ class Sim:
         for e in self.effects:
             e.after(self)
 
+    def hold(self, u: Array, seconds: float, step: float) -> None:
+        """Commands [nu] for so long, in steps of about `step` seconds."""
+        count = max(1, round(seconds / step))
+        self.set_timestep(seconds / count)
+        for _ in range(count):
+            self.step(u)
+
     def snapshot(self) -> Snapshot:
         """The state at this moment."""
         return Snapshot(self.d.qpos.copy(), self.d.qvel.copy(), [copy.copy(e.state) for e in self.effects])

@@ -37,7 +37,7 @@ def window_errors(
     sim = Sim(case.xml, effects, dt)
     m, out = sim.nominal, []
     step = sim.dt
-    rows = round(WINDOW / float(np.median(np.diff(run.time))))
+    rows = _rows(run)
     for first in range(0, len(run.time) - rows, rows):
         sim.reset(run.qpos[first], run.qvel[first])
         if start is not None:
@@ -49,11 +49,7 @@ def window_errors(
                 e.state = state.copy() if hasattr(state, "copy") else state
             mujoco.mj_forward(sim.m, sim.d)
         for row in range(first, first + rows):
-            span = float(run.time[row + 1] - run.time[row])
-            count = max(1, round(span / step))
-            sim.set_timestep(span / count)
-            for _ in range(count):
-                sim.step(run.ctrl[row])
+            sim.hold(run.ctrl[row], float(run.time[row + 1] - run.time[row]), step)
             error = np.zeros(m.nv)
             mujoco.mj_differentiatePos(m, error, 1.0, sim.measured()[0], run.qpos[row + 1])
             out.append(error)
@@ -64,17 +60,14 @@ def step_errors(case: Case, run: Recorded) -> Array:
     """What the finer steps of the true machine change by themselves [rows, nv], in every other window."""
     sims = [(sim, sim.dt) for sim in (Sim(case.xml), Sim(case.xml, (), case.dt))]
     m, out = sims[0][0].nominal, []
-    rows = round(WINDOW / float(np.median(np.diff(run.time))))
+    rows = _rows(run)
     for first in range(0, len(run.time) - rows, 2 * rows):
         for sim, _ in sims:
             sim.reset(run.qpos[first], run.qvel[first])
         for row in range(first, first + rows):
             span = float(run.time[row + 1] - run.time[row])
             for sim, step in sims:
-                count = max(1, round(span / step))
-                sim.set_timestep(span / count)
-                for _ in range(count):
-                    sim.step(run.ctrl[row])
+                sim.hold(run.ctrl[row], span, step)
             error = np.zeros(m.nv)
             mujoco.mj_differentiatePos(m, error, 1.0, sims[0][0].link()[0], sims[1][0].link()[0])
             out.append(error)
@@ -108,6 +101,11 @@ def visibility(case: Case, runs: Sequence[Recorded]) -> dict[str, float]:
         value = float(np.max(_rms(errors) / floor))
         seen[lacking.id] = round(min(value, seen.get(lacking.id, np.inf)), 1)
     return seen
+
+
+def _rows(run: Recorded) -> int:
+    """Rows of a window."""
+    return round(WINDOW / float(np.median(np.diff(run.time))))
 
 
 def _rms(errors: Sequence[Array]) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate
-from mpge_jax.diagnosis.estimation.whitening import KAPPA, Whitener, nuisances, whitener
+from mpge_jax.diagnosis.estimation.whitening import KAPPA, Whitener, nuisances, whitener, whitener_beside
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -70,8 +70,7 @@ def settled(
     moved = w.moved.copy()
     moved[odd] = tried[best]
     new = replace(w, moved=moved)
-    nuisance = nuisances(sim, f.hypothesis, f.theta, new)
-    white = whitener(sim, f.hypothesis, f.theta, new, noise, nuisance, temper=False)
+    white = whitener_beside(sim, f.hypothesis, f.theta, new, noise, temper=False)
     better = evaluate(sim, [f], new, white)[0].x < x
     return replace(w, moved=np.where(better[:, None, None], moved, w.moved)) if better.any() else w
 

@@ -218,6 +218,18 @@ def nuisances(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) 
     return out
 
 
+def whitener_beside(
+    sim: Simulator,
+    hypothesis: Hypothesis,
+    theta: Array,
+    w: Windows,
+    noise: Noise,
+    temper: bool | float = True,
+) -> Whitener:
+    """The `whitener` that sees past `nuisances`."""
+    return whitener(sim, hypothesis, theta, w, noise, nuisances(sim, hypothesis, theta, w), temper)
+
+
 def in_finer_steps(sim: Simulator, runs: list[Run], w: Windows, factor: int) -> Array:
     """Residuals [R, W, N, 2 nv] in `factor` times as many steps; of Runge-Kutta, in such semi-implicit ones."""
     if sim.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:

@@ -13,9 +13,8 @@ from mpge_jax.diagnosis.estimation.prediction_error import noise_floor
 from mpge_jax.diagnosis.estimation.whitening import (
     column_scale,
     in_finer_steps,
-    nuisances,
     robust_loss,
-    whitener,
+    whitener_beside,
 )
 from mpge_jax.diagnosis.machine.joint_space import integrate
 from mpge_jax.diagnosis.machine.model import compile_variable, has_plain_law
@@ -124,9 +123,7 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     cuts = cut(sources, sim.model, noise, length, 2 * limit, prepared.dt, rng)
     if not cuts.count:
         return Floor()
-    white = whitener(
-        sim, f.hypothesis, f.theta, cuts, noise, nuisances(sim, f.hypothesis, f.theta, cuts), temper=False
-    )
+    white = whitener_beside(sim, f.hypothesis, f.theta, cuts, noise, temper=False)
     residual = sim.residuals([Run(f.hypothesis, f.theta)], cuts)[0]
     flat = white(residual)
     loss = robust_loss(white.excess(flat))

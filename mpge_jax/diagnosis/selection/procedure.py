@@ -78,7 +78,7 @@ def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision
     """What was found, as far as one part's recordings confirm it; and the errors there."""
     f, report, gone = confirmed(p, s, found.fit, part)
     if not gone:
-        return replace(found, fit=f), report
+        return found, report
     rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
     noise, left = _left(p, f, s, found.search)
     return Decision(f, rivals, noise, left, found.search), report

@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate
 from mpge_jax.diagnosis.estimation.screening import screen
-from mpge_jax.diagnosis.estimation.whitening import Whitener, nuisances, robust_loss, whitener
+from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss, whitener_beside
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.rigid_equivalence import one_of_each
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored
@@ -65,8 +65,7 @@ class Search:
         return train, self.whiten_one(around, self.held, train.factor)
 
     def whiten_one(self, around: Fitted, w: Windows, temper: bool | float = True) -> Whitener:
-        nuisance = nuisances(self.sim, around.hypothesis, around.theta, w)
-        return whitener(self.sim, around.hypothesis, around.theta, w, self.noise, nuisance, temper)
+        return whitener_beside(self.sim, around.hypothesis, around.theta, w, self.noise, temper)
 
     def score(self, fits: list[Fitted], whites: tuple[Whitener, Whitener]) -> list[Scored]:
         factor, out = max(white.factor for white in whites), []
