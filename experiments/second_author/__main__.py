@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from experiments.ending import exit_status
-from experiments.second_author.build import build
+from experiments.second_author.build import build, wanted
 from experiments.second_author.cases import CASES
+from mpge_jax.progress import ProgressBar
 
 
 @dataclass(frozen=True)
@@ -50,14 +49,8 @@ def main(args: list[str] | None = None) -> int:
             return 0
         if command.seed < 0:
             raise ValueError(f"--seed must not be negative, got {command.seed}")
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=Console(stderr=True)) as bar:
-            task = bar.add_task("cases", total=None)
-
-            def progress(done: int, total: int) -> None:
-                bar.update(task, completed=done, total=total)
-
-            build(command.out / "cases", command.out / "answers", command.only, command.seed, progress)
+        with ProgressBar("cases", len(wanted(command.only))) as bar:
+            build(command.out / "cases", command.out / "answers", command.only, command.seed, bar.advance)
         return 0
 
     return exit_status("second_author", work)

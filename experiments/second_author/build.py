@@ -137,7 +137,7 @@ def build(
     answers: Path,
     only: Sequence[str] = (),
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[], None] | None = None,
     longest: float | None = None,
 ) -> int:
     """Write cases into `out` and their answers into `answers`; returns how many. Finished cases are kept.
@@ -156,9 +156,9 @@ def build(
     if note.exists() and json.loads(note.read_text()) != plan:
         raise ValueError(f"{answers} holds other answers or those of another seed; choose another folder")
     note.write_text(json.dumps(plan, indent=1))
-    for number, case in enumerate(cases, 1):
+    for case in cases:
         if not (answers / f"{case.name}.json").exists():
             build_case(case, out / case.name, answers, seed, longest)
         if progress is not None:
-            progress(number, len(cases))
+            progress()
     return len(cases)
