@@ -222,6 +222,14 @@ GATES = (
         lambda answer, *_args: answer > USUALLY,
     ),
     Gate(
+        "beside unknown",
+        "where an unknown force explains far more than what was named, effects are searched for beside it",
+        ("REMAINS",),
+        "verdict.beside_unknown:beside_unknown",
+        lambda _own, _p, _s, found, held, _say: (found, held),
+        lambda answer, _p, _s, found, *_args: answer[0] is not found,
+    ),
+    Gate(
         "chosen by others",
         "effects that recordings for choosing do not gain by go",
         ("SURE",),

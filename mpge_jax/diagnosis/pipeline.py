@@ -25,6 +25,7 @@ from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.selection import checkpoint
 from mpge_jax.diagnosis.selection.procedure import decide, tested
 from mpge_jax.diagnosis.selection.setup import build_search, check_windows
+from mpge_jax.diagnosis.verdict.beside_unknown import beside_unknown
 from mpge_jax.diagnosis.verdict.force_judgement import judge_forces
 from mpge_jax.diagnosis.verdict.judgement import judge
 from mpge_jax.diagnosis.verdict.result import Result
@@ -126,9 +127,10 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
         log, s = s.log, build_search(p, say, p.config.decide_s)
         s.log, s.resume = log, Reached(found.fit)
         found = decide(p, s, say)
+    found, held = beside_unknown(p, s, *tested(p, s, found), say)
     say("judging what is left")
     if drives is not None:
         drives = as_encoders_read(p, plain, drives, found.fit)
         if measurement.late:
             drives = drives.arrived(measurement.given(found.fit).delays)
-    return judge(p, plain, s, *tested(p, s, found), drives)
+    return judge(p, plain, s, found, held, drives)

@@ -22,24 +22,35 @@ INPUTS = {
     DRIVE: "force of the joint's drives",
     LOAD: "force of gravity and of the other links on the joint",
 }
+OF_OTHERS = (ANGLE, SPEED, DRIVE)
+"""Inputs that may be another joint's: a coupling of joints, or of their drives."""
 KNOTS = {1: 9, 2: 6}
 """Values by which a function is told along each input, of one and of two inputs."""
 FADES = 0.5
 """Share of the greatest speed seen over which force that drives a joint on fades beyond that speed."""
-_ID = re.compile(r"residual:((?:[qvfl]\[[^\[\],]+,[^\[\],]+\]){1,2})below (\S+)")
+NAMED = r"[^\[\],@]+"
+"""Names of other joints that an identifier can hold."""
+_AXIS = rf"([qvf]@{NAMED}|[qvfl])\[([^\[\],]+),([^\[\],]+)\]"
+_ID = re.compile(rf"residual:((?:{_AXIS}){{1,2}})below (?P<below>\S+)")
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One input with the range in which it was seen; beyond, the function stays as at the end of it."""
+    """One input with the range in which it was seen; beyond, the function stays as at the end of it.
+
+    Attributes:
+        joint: whose it is, where that is not the joint on which the function acts.
+    """
 
     input: str
     low: float
     high: float
+    joint: str = ""
 
     def __post_init__(self) -> None:
         if (
             self.input not in INPUTS
+            or (self.joint and not (self.input in OF_OTHERS and re.fullmatch(NAMED, self.joint)))
             or not np.isfinite([self.low, self.high]).all()
             or not self.low < self.high
         ):
@@ -47,8 +58,37 @@ class Axis:
                 f"an input of a residual is one of {', '.join(INPUTS)} with a range, not {self}."
             )
 
+    @property
+    def key(self) -> str:
+        """'q' of the joint on which the function acts, 'q@elbow' of another one."""
+        return f"{self.input}@{self.joint}" if self.joint else self.input
+
+    @property
+    def letter(self) -> str:
+        """As formulas have it: 'q', or 'q(elbow)' of another joint."""
+        return f"{self.input}({self.joint})" if self.joint else self.input
+
+    @property
+    def says(self) -> str:
+        """'position of the joint' on which the function acts, 'position of the elbow' of another one."""
+        said = INPUTS[self.input]
+        return said.replace("the joint", f"the {self.joint}") if self.joint else said
+
+    def place(self, ctx: Context, acts: Place) -> Place:
+        """The joint whose input it is; where the function acts: `acts`."""
+        if not self.joint:
+            return acts
+        if self.joint not in ctx.names.joints:
+            raise ValueError(f"the model has no joint '{self.joint}', on which a residual depends.")
+        return Place("joint", self.joint, ctx.names.joints.index(self.joint))
+
+    def unit(self, ctx: Context, acts: Place) -> str:
+        place = self.place(ctx, acts)
+        angle, force = joint_unit(ctx, place, "rad", "m"), joint_unit(ctx, place, "N m", "N")
+        return {ANGLE: angle, SPEED: f"{angle}/s"}.get(self.input, force)
+
     def __str__(self) -> str:
-        return f"{self.input}[{self.low:.6g},{self.high:.6g}]"
+        return f"{self.key}[{self.low:.6g},{self.high:.6g}]"
 
 
 def splines(xp: Any, x: Array, count: int) -> list[Array]:
@@ -82,7 +122,12 @@ class Residual(Effect):
         self.id = f"{RESIDUAL}:{''.join(map(str, axes))}below {below:.6g}"
         self.count = KNOTS[len(axes)]
         self.external = any(a.input == LOAD for a in axes)
-        self.equation = f"function of {', '.join(INPUTS[a.input] for a in axes)}"
+        self.equation = f"function of {', '.join(a.says for a in axes)}"
+
+    @property
+    def coupled(self) -> bool:
+        """Whether it depends on another joint."""
+        return any(a.joint for a in self.axes)
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         torque, unit = float(ctx.torque[ctx.dof(place)]), joint_unit(ctx, place, "N m", "N")
@@ -95,7 +140,7 @@ class Residual(Effect):
 
     def inputs(self, ctx: Context, place: Place, s: Step) -> list[Array]:
         """Values [...] of every input."""
-        return [_value(a.input, ctx, place, s) for a in self.axes]
+        return [_value(a.input, ctx, a.place(ctx, place), s) for a in self.axes]
 
     def basis(self, xp: Any, values: list[Array]) -> list[Array]:
         """The functions [...] whose sum, each times its parameter, is the force: every product of splines."""
@@ -157,9 +202,10 @@ def residual_of(form: str) -> Residual:
     match = _ID.fullmatch(form)
     if match is None:
         raise KeyError(form)
-    axes = re.findall(r"([qvfl])\[([^\[\],]+),([^\[\],]+)\]", match[1])
+    axes = [(*key.partition("@")[::2], low, high) for key, low, high in re.findall(_AXIS, match[1])]
     try:
-        return Residual(tuple(Axis(i, float(low), float(high)) for i, low, high in axes), float(match[2]))
+        told = (Axis(key, float(low), float(high), joint) for key, joint, low, high in axes)
+        return Residual(tuple(told), float(match["below"]))
     except ValueError:
         raise KeyError(form) from None
 

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import INPUTS
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import parameters
 from mpge_jax.diagnosis.estimation.quantities import clause, intervals, quantity
@@ -146,10 +145,10 @@ def _residual(r: ResidualModel, unit: str) -> str:
 def of_inputs(f: Function) -> str:
     """'of the position q of the joint (about 0.31 sin(2q) N m, for -1.2 < q < 1.2 rad)'; the letters only where
     there is a formula of them."""
-    said = [f"the {INPUTS[a.input]}" for a in f.axes]
+    said = [f"the {a.says}" for a in f.axes]
     if f.formula is None:
         return f"of {_listed(said)}"
-    lettered = [x.replace(" of", f" {a.input} of", 1) for x, a in zip(said, f.axes, strict=True)]
+    lettered = [x.replace(" of", f" {a.letter} of", 1) for x, a in zip(said, f.axes, strict=True)]
     return f"of {_listed(lettered)} ({f.formula})"
 
 

@@ -87,7 +87,7 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
 
 def _residual(r: ResidualModel) -> dict[str, Any]:
     """What is left as functions: where, of which inputs, in words, over which ranges, and what they do to test data."""
-    named = [f"{a.input}:{f.term.place.name}" for f in r.functions for a in f.axes]
+    named = [f"{a.input}:{a.joint or f.term.place.name}" for f in r.functions for a in f.axes]
     ranges = [[number(a.low), number(a.high)] for f in r.functions for a in f.axes]
     said = [f"{f.formula}, at the {f.term.place.name}" for f in r.functions if f.formula is not None]
     return {

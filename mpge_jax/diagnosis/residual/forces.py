@@ -12,9 +12,11 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.residual.formula import formula
+from mpge_jax.diagnosis.residual.hints import hinted
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
-from mpge_jax.diagnosis.residual.regression import Blocks, Candidate, best_of
+from mpge_jax.diagnosis.residual.points import rows_of
+from mpge_jax.diagnosis.residual.regression import Blocks, best_function
 
 Array = np.ndarray
 
@@ -41,12 +43,11 @@ def residual_of_forces(
 
 def _function(p: Prepared, b: Balance, f: Fitted, place: Place) -> Function | None:
     values = seen(p, place)
-    known = {k: x for k, x in values.items() if k != DRIVE}
-
-    def problem(effect: Residual, where: Place) -> Candidate:
-        return effect, where.index, _blocks(b, f, effect, where)
-
-    best = best_of([(e, place) for e in functions(known)], problem, b.fold)
+    # what a drive gives is what is to be predicted
+    known = {k: x for k, x in values.items() if not k.startswith(DRIVE)}
+    missing = b.predicted(f.hypothesis.split(p.ctx, f.theta)) - b.measured
+    some = hinted(functions(known), place, [rows_of(p, b, f, missing, place)])
+    best = best_function([(e, place.index, _blocks(b, f, e, place)) for e in some], b.fold)
     if best is None:
         return None
     term = Term(best.effect.id, place)

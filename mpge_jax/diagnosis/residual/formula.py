@@ -6,7 +6,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context, joint_unit
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import ANGLE, SPEED, Residual
+from mpge_jax.diagnosis.effects.residual import ANGLE, Axis, Residual
 
 Array = np.ndarray
 WAVES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
@@ -29,7 +29,7 @@ def formula(effect: Residual, theta: Array, seen: dict[str, Array], term: Term, 
     Args:
         theta: values of the function. seen: values [N] of the inputs along the recordings.
     """
-    values = [np.clip(seen[a.input], a.low, a.high) for a in effect.axes]
+    values = [np.clip(seen[a.key], a.low, a.high) for a in effect.axes]
     target = np.asarray(effect.value(np, theta, values), dtype=float)
     whole = float(np.var(target))
     if whole <= 0:
@@ -63,10 +63,8 @@ def formula(effect: Residual, theta: Array, seen: dict[str, Array], term: Term, 
     if abs(x[0]) > 0.05 * np.sqrt(np.mean(target**2)):
         parts.append(f"{x[0]:+.2g}")
     text = parts[0].removeprefix("+") + "".join(f" {part[0]} {part[1:]}" for part in parts[1:])
-    hinge = unit == "N m"
-    units = {ANGLE: "rad" if hinge else "m", SPEED: "rad/s" if hinge else "m/s"}
     ranges = " and ".join(
-        f"{a.low:.2g} < {a.input} < {a.high:.2g} {units.get(a.input, unit)}" for a in effect.axes
+        f"{a.low:.2g} < {a.letter} < {a.high:.2g} {a.unit(ctx, term.place)}" for a in effect.axes
     )
     return f"about {text} {unit}, for {ranges}"
 
@@ -84,10 +82,11 @@ def _told(names: tuple[str, ...], x: Array) -> str:
     return f"+{size:.2g} {names[0].replace('PHASE', f'{phase:+.2g}')}"
 
 
-def _alone(name: str, x: Array) -> list[Atom]:
+def _alone(axis: Axis, x: Array) -> list[Atom]:
     """Terms of one input."""
+    name = axis.letter
     out: list[Atom] = [((name,), [x]), ((f"{name}^2",), [x**2]), ((f"{name}^3",), [x**3])]
-    if name == ANGLE:
+    if axis.input == ANGLE:
         for n in WAVES:
             wave = f"sin({n if n > 1 else ''}{name} PHASE)"
             out.append(((wave, wave), [np.sin(n * x), np.cos(n * x)]))
@@ -99,7 +98,7 @@ def _alone(name: str, x: Array) -> list[Atom]:
 
 
 def _atoms(effect: Residual, values: list[Array]) -> list[Atom]:
-    alone = [_alone(a.input, x) for a, x in zip(effect.axes, values, strict=True)]
+    alone = [_alone(a, x) for a, x in zip(effect.axes, values, strict=True)]
     out = [atom for atoms in alone for atom in atoms]
     if len(alone) == 2:
         for names, one in alone[0]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from itertools import combinations
 
 import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.effects.context import Place
-from mpge_jax.diagnosis.effects.residual import ANGLE, DRIVE, LOAD, SPEED, Axis, Residual, driven_by
+from mpge_jax.diagnosis.effects.context import Place, default_places
+from mpge_jax.diagnosis.effects.residual import ANGLE, DRIVE, LOAD, NAMED, SPEED, Axis, Residual, driven_by
 from mpge_jax.diagnosis.machine.model import has_plain_law, is_scalar
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
@@ -33,7 +34,7 @@ def places_of(p: Prepared, names: list[str]) -> list[Place]:
 
 
 def seen(p: Prepared, place: Place) -> dict[str, Array]:
-    """Values [N] of every input that is known, over evenly spread rows of the training recordings."""
+    """Values [N] of every input that is known, by `Axis.key`, over evenly spread rows of the training recordings."""
     total = sum(s.recording.time.size for s in p.train)
     stride = max(1, total // ROWS)
     rows = [values_of(p, s, place, stride) for s in p.train]
@@ -44,13 +45,20 @@ def values_of(p: Prepared, s: Source, place: Place, stride: int = 1) -> dict[str
     """Values of every input that is known, over every `stride`-th row of a recording."""
     m, which = p.model, slice(None, None, stride)
     out = values_along(p, place, s.states.qpos[which], s.states.qvel[which])
-    drives = driven_by(p.ctx, place)
-    if drives and all(has_plain_law(m, a) for a in drives):
-        forces = [
-            float(m.actuator_gear[a, 0]) * plain_force(m, a, s.command, s.states)[which] for a in drives
-        ]
-        out[DRIVE] = np.sum(forces, axis=0)
+    for key, where in {DRIVE: place, **{f"{DRIVE}@{x.name}": x for x in _others(p, place)}}.items():
+        drives = driven_by(p.ctx, where)
+        if drives and all(has_plain_law(m, a) for a in drives):
+            forces = [
+                float(m.actuator_gear[a, 0]) * plain_force(m, a, s.command, s.states)[which] for a in drives
+            ]
+            out[key] = np.sum(forces, axis=0)
     return out
+
+
+def _others(p: Prepared, place: Place) -> list[Place]:
+    """The other joints whose inputs may count, by names that an identifier can hold."""
+    joints = default_places(p.ctx, "joint")
+    return [x for x in joints if x.index != place.index and re.fullmatch(NAMED, x.name)]
 
 
 def values_along(p: Prepared, place: Place, qpos: Array, qvel: Array) -> dict[str, Array]:
@@ -62,15 +70,24 @@ def values_along(p: Prepared, place: Place, qpos: Array, qvel: Array) -> dict[st
         mujoco.mj_fwdPosition(m, data)
         mujoco.mj_fwdVelocity(m, data)
         load.append(-data.qfrc_bias[dof])
-    return {ANGLE: qpos[:, p.ctx.qadr(place)], SPEED: qvel[:, dof], LOAD: np.array(load)}
+    out = {ANGLE: qpos[:, p.ctx.qadr(place)], SPEED: qvel[:, dof], LOAD: np.array(load)}
+    for x in _others(p, place):
+        out |= {f"{ANGLE}@{x.name}": qpos[:, p.ctx.qadr(x)], f"{SPEED}@{x.name}": qvel[:, p.ctx.dof(x)]}
+    return out
 
 
 def functions(values: dict[str, Array]) -> list[Residual]:
-    """Functions of one and of two of the inputs, over the ranges in which these lay."""
+    """Functions of one and of two of the inputs, over the ranges in which these lay.
+
+    Of two, both are of one joint, or one is of the joint on which the function acts.
+    """
     axes = []
     for key, x in values.items():
         low, high = np.quantile(x, EDGES)
         if high - low > 1e-9 * max(1.0, float(np.abs(x).max())):
-            axes.append(Axis(key, float(f"{low:.6g}"), float(f"{high:.6g}")))
+            kind, _, joint = key.partition("@")
+            axes.append(Axis(kind, float(f"{low:.6g}"), float(f"{high:.6g}"), joint))
     below = float(f"{max(float(np.abs(values[SPEED]).max()), 1e-6):.6g}")
-    return [Residual(some, below) for k in (1, 2) for some in combinations(axes, k)]
+    axes.sort(key=lambda a: a.joint)
+    several = [(a, b) for a, b in combinations(axes, 2) if a.joint in ("", b.joint)]
+    return [Residual(some, below) for some in [*((a,) for a in axes), *several]]

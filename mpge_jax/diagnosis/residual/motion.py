@@ -15,9 +15,11 @@ from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.residual.formula import formula
+from mpge_jax.diagnosis.residual.hints import hinted
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
-from mpge_jax.diagnosis.residual.regression import Blocks, Candidate, Choice, best_of, smoothed
+from mpge_jax.diagnosis.residual.points import LENGTHS, pieces
+from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, smoothed
 from mpge_jax.diagnosis.residual.roll_out import stays
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
@@ -36,20 +38,30 @@ SHORTER, SLOW = (1.0, 0.5, 0.2), 0.02
 
 
 def residual_of_motion(
-    p: Prepared, s: Search, f: Fitted, at: list[str], held: FitReport
+    p: Prepared, s: Search, f: Fitted, at: list[str], shown: tuple[Prepared, Fitted], held: FitReport
 ) -> ResidualModel | None:
-    """The force that `f` lacks at some places as functions of what goes on there; None where none makes unseen
-    recordings better predicted.
-
-    Windows of all but the test recordings fit a function; its inputs and its smoothness are those with which stretches
-    of them are best predicted from the others.
+    """The force that `f` lacks at some places as functions of what goes on there, told by all but the test recordings;
+    None where none makes these better predicted.
 
     Args:
-        at: joints or actuators at which something is left. held: errors of `f` on test recordings.
+        at: joints or actuators at which something is left. shown, held: the machine and its fit whose errors on test
+            recordings are reported, and these; it may be driven otherwise than the one that `f` was fitted to.
+    """
+    found, _ = functions_of_motion(p.all_to_train(), s, f, at)
+    machine, fitted = shown
+    for function in found:
+        fitted = with_function(machine.ctx, fitted, function.term, function.theta)
+    return worthwhile(found, held.after.rms, errors(machine.sim, fitted, held.windows, machine.noise).rms)
+
+
+def functions_of_motion(p: Prepared, s: Search, f: Fitted, at: list[str]) -> tuple[list[Function], Fitted]:
+    """Functions, at most one of each place, that explain what `f` leaves of the training recordings; and `f` with them.
+
+    Inputs and smoothness are those with which stretches of these recordings are best predicted from the others.
     """
     places, fitted = places_of(p, at), f
     found: list[Function] = []
-    w = p.all_to_train().windows("train", p.config.decide_s, WINDOWS, seed=17)
+    w = p.windows("train", p.config.decide_s, WINDOWS, seed=17)
     while places and w.count:
         function = _function(p, s, fitted, places, w)
         if function is None:
@@ -60,25 +72,21 @@ def residual_of_motion(
         fitted = now
         found.append(function)
         places = [place for place in places if place != function.term.place]
-    after = errors(p.sim, fitted, held.windows, p.noise).rms
-    return worthwhile(found, held.after.rms, after)
+    return found, fitted
 
 
 def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows) -> Function | None:
     """The function at one of the places that explains most of what `f` leaves."""
     fold = np.arange(w.count) * FOLDS // w.count
     known = {place: seen(p, place) for place in places}
-    candidates = [(e, x) for x in places for e in functions(known[x])]
-    longer = p.all_to_train().windows("train", p.config.report_s, WINDOWS, seed=18)
+    candidates = [(e, x) for x in places for e in _worth_fitting(p, f, x, functions(known[x]))]
+    longer = p.windows("train", p.config.report_s, WINDOWS, seed=18)
     now, term, theta, tried = f, None, np.zeros(0), []
     for _ in range(PASSES):
         task = _Task(p, f, w, s.whiten_one(now, w), fold)
         weight = task.weight(now)
-
-        def problem(effect: Residual, place: Place, task: _Task = task, weight: Array = weight) -> Candidate:
-            return effect, place.index, task.near(Term(effect.id, place), None, weight)
-
-        best = best_of(candidates, problem, fold)
+        problems = [(e, x.index, task.near(Term(e.id, x), None, weight)) for e, x in candidates]
+        best = best_function(problems, fold)
         if best is None:
             break
         chosen = Term(best.effect.id, next(x for x in places if x.index == best.place))
@@ -90,6 +98,11 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     # in units of the noise alone, windows that a function cannot follow count ever less
     _, term, theta = min(tried, key=lambda t: t[0])
     return Function(term, theta, formula(residual_of(term.id), theta, known[term.place], term, p.ctx))
+
+
+def _worth_fitting(p: Prepared, f: Fitted, place: Place, every: list[Residual]) -> list[Residual]:
+    tried = (pieces(p, "train", f, place, length) for length in LENGTHS)
+    return hinted(every, place, (these for these in tried if these is not None))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Force that is missing in held-out recordings where a function was fitted to others: points beside that function."""
+"""Force that is missing in recordings, piece by piece: points beside a function that was fitted to others."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual import driven_by, residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.missing_force import missing
+from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
+from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.residual.inputs import values_along, values_of
 from mpge_jax.diagnosis.residual.model import Function
 from mpge_jax.diagnosis.simulation.single_step import Machine
@@ -34,35 +37,53 @@ class Points:
     inputs: tuple[Array, ...]
 
 
+@dataclass(frozen=True)
+class Pieces:
+    """force: [N] on the joint that is missing in each piece, taken for constant. unsure: [N] its standard errors.
+    values: of every input (`Axis.key`) amid the piece, each [N]."""
+
+    force: Array
+    unsure: Array
+    values: dict[str, Array]
+
+
 def missing_in_motion(p: Prepared, f: Fitted, function: Function) -> Points:
     """What windows of the held-out recordings lack with the named effects alone: in each a constant force, with the
     start as uncertain as it is."""
-    place, effect = function.term.place, residual_of(function.term.id)
-    dof = p.ctx.dof(place)
-    names = [a.input for a in effect.axes]
-    along = [values_of(p, s, place) for s in p.test]
+    effect = residual_of(function.term.id)
+    names = [a.key for a in effect.axes]
     found = Points(np.zeros(0), tuple(np.zeros(0) for _ in names))
     for length in LENGTHS:
-        w = p.windows("test", length, MOST)
-        if not w.count:
+        these = pieces(p, "test", f, function.term.place, length)
+        if these is None:
             continue
-        middle = w.start + 0.5 * w.times.max(1)
-        inputs = tuple(
-            np.array(
-                [
-                    np.interp(t, p.test[s].recording.time, along[s][name])
-                    for s, t in zip(w.source, middle, strict=True)
-                ]
-            )
-            for name in names
-        )
-        force, unsure = (x[:, dof] for x in missing(p.sim, f, w, p.noise))
-        usual = float(np.median(unsure))
-        sure = unsure < ODD * usual
-        found = Points(force[sure], tuple(x[sure] for x in inputs))
-        if usual < FINE * np.std(effect.value(np, function.theta, list(inputs))):
+        inputs = tuple(these.values[name] for name in names)
+        found = Points(these.force, inputs)
+        if np.median(these.unsure) < FINE * np.std(effect.value(np, function.theta, list(inputs))):
             break
     return found
+
+
+def pieces(p: Prepared, part: Part, f: Fitted, place: Place, length: float) -> Pieces | None:
+    """What pieces of a length (s) of one part's recordings lack, with the start as uncertain as it is; None where no
+    recording is long enough."""
+    w = p.windows(part, length, MOST)
+    if not w.count:
+        return None
+    along = [values_of(p, s, place) for s in w.sources]
+    middle = w.start + 0.5 * w.times.max(1)
+    values = {
+        key: np.array(
+            [
+                np.interp(t, w.sources[s].recording.time, along[s][key])
+                for s, t in zip(w.source, middle, strict=True)
+            ]
+        )
+        for key in along[0]
+    }
+    force, unsure = (x[:, p.ctx.dof(place)] for x in missing(p.sim, f, w, p.noise))
+    sure = unsure < ODD * np.median(unsure)
+    return Pieces(force[sure], unsure[sure], {key: x[sure] for key, x in values.items()})
 
 
 def missing_in_forces(p: Prepared, f: Fitted, held: ForceErrors, function: Function) -> Points:
@@ -71,16 +92,23 @@ def missing_in_forces(p: Prepared, f: Fitted, held: ForceErrors, function: Funct
     Args:
         held: errors of `f`.
     """
-    place, names = function.term.place, [a.input for a in function.axes]
-    parts, tracks = f.hypothesis.split(p.ctx, f.theta), held.balance.tracks
+    these = rows_of(p, held.balance, f, held.corrected - held.balance.measured, function.term.place)
+    return Points(these.force, tuple(these.values[a.key] for a in function.axes))
+
+
+def rows_of(p: Prepared, b: Balance, f: Fitted, missing: Array, place: Place) -> Pieces:
+    """What the rows of a balance lack at a joint: at most `MOST` of them, each as uncertain as the others.
+
+    Args:
+        missing: [N, nu] forces that `f` needs beyond those that were measured (NaN: none).
+    """
+    parts = f.hypothesis.split(p.ctx, f.theta)
     # what an actuator gives is its gain times what was measured
     m = Machine.build(p.ctx, tuple(parts), tuple(parts.values())).model
-    q, v = (np.concatenate([getattr(t, key) for t in tracks]) for key in ("q", "v"))
-    missing = held.corrected - held.balance.measured
-    force = sum(
-        m.actuator_gear[a, 0] * m.actuator_gainprm[a, 0] * missing[:, a] for a in driven_by(p.ctx, place)
-    )
+    q, v = (np.concatenate([getattr(t, key) for t in b.tracks]) for key in ("q", "v"))
+    force = np.zeros(len(missing))
+    for a in driven_by(p.ctx, place):
+        force = force + m.actuator_gear[a, 0] * m.actuator_gainprm[a, 0] * missing[:, a]
     kept = np.flatnonzero(np.isfinite(force))
     kept = kept[:: max(1, -(-kept.size // MOST))]
-    values = values_along(p, place, q[kept], v[kept])
-    return Points(np.asarray(force)[kept], tuple(values[name] for name in names))
+    return Pieces(force[kept], np.ones(kept.size), values_along(p, place, q[kept], v[kept]))

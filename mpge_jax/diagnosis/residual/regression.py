@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual import INPUTS, Residual
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
 
@@ -96,31 +94,11 @@ def solved(b: Blocks, effect: Residual, strength: float) -> Array:
     return -np.linalg.solve(gram + penalty, push)
 
 
-def best_of(
-    functions: list[tuple[Residual, Place]], problem: Callable[[Residual, Place], Candidate], fold: Array
-) -> Choice | None:
-    """`best_function` of those of one input, and of those of two that hold the best one's input, or of all of two where
-    none of one helps.
-
-    Args:
-        problem: a function's least-squares problem at a joint, which takes time to build.
-    """
-    single = [problem(e, place) for e, place in functions if len(e.axes) == 1]
-    first = best_function(single, fold)
-    double = [
-        problem(e, place)
-        for e, place in functions
-        if len(e.axes) == 2
-        and (first is None or (place.index == first.place and first.effect.axes[0] in e.axes))
-    ]
-    return best_function(single + double, fold)
-
-
 def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
     """The plainest of the functions that predict blocks, from the others, as well as the best one does; None where none
     is better than nothing beyond chance.
 
-    Plain is what has few inputs, and known ones rather than computed ones (the order of `INPUTS`).
+    Plain is what has few inputs, the joint's own, and known ones rather than computed ones (the order of `INPUTS`).
 
     Args:
         candidates: function, index of the joint at which it acts, its problem. fold: [B] which blocks are predicted
@@ -130,7 +108,8 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
         return None
     nothing = {id(b): b.weight * b.whole for _, _, b in candidates}
     choices = [(smoothed(*c, fold), nothing[id(c[2])]) for c in candidates]
-    choices = [(c, none) for c, none in choices if beyond_doubt(by_scatter(none - c.left))]
+    among = len(candidates)
+    choices = [(c, none) for c, none in choices if beyond_doubt(by_scatter(none - c.left), among)]
     if not choices:
         return None
     gains = [float((none - c.left).sum()) for c, none in choices]
@@ -140,7 +119,11 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
         for (c, _), gain in zip(choices, gains, strict=True)
         if gain > (1.0 - TIE) * most or not beyond_doubt(by_scatter(c.left - best.left))
     ]
-    return min(near, key=lambda c: (len(c.effect.axes), [list(INPUTS).index(a.input) for a in c.effect.axes]))
+    return min(near, key=lambda c: _elaborate(c.effect))
+
+
+def _elaborate(effect: Residual) -> tuple[int, list[tuple[bool, int]]]:
+    return len(effect.axes), [(bool(a.joint), list(INPUTS).index(a.input)) for a in effect.axes]
 
 
 def smoothed(effect: Residual, place: int, b: Blocks, fold: Array) -> Choice:

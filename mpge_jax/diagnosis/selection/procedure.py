@@ -51,14 +51,14 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
     nothing of the fit are predicted better with, and refine that on all that may be looked at."""
     c = p.config
     f, rivals = _settle(s, *search(s))
-    noise, left = _left(p, f, s)
+    noise, left = what_is_left(p, f, s)
     looked = s
     if left is not None or not f.hypothesis.terms:
         reached = f
         f, rivals, looked = _on_longer_windows(p, s, f, rivals, say)
         if f is not reached or left is None:
             # what is too slight to show in the shorter windows, and what nobody can name, may show in these
-            noise, left = _left(p, f, s, looked)
+            noise, left = what_is_left(p, f, s, looked)
     found, _ = _kept(p, s, Decision(f, rivals, noise, left, looked), "choice")
     f = found.fit
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
@@ -80,7 +80,7 @@ def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision
     if not gone:
         return found, report
     rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
-    noise, left = _left(p, f, s, found.search)
+    noise, left = what_is_left(p, f, s, found.search)
     return Decision(f, rivals, noise, left, found.search), report
 
 
@@ -97,7 +97,7 @@ def _longer(p: Prepared) -> Windows:
     return p.all_to_train().windows("train", p.config.report_s, REFINED)
 
 
-def _left(p: Prepared, f: Fitted, *searches: Search) -> tuple[Floor, Remainder | None]:
+def what_is_left(p: Prepared, f: Fitted, *searches: Search) -> tuple[Floor, Remainder | None]:
     """What noise alone would leave of a search's windows if `f` were true, and what it leaves if that is more: of the
     first search where it is, or of the last."""
     for its in {id(x): x for x in searches}.values():

@@ -92,7 +92,8 @@ class Simulator:
     Attributes:
         threads: of the engine. work: steps that were asked for, by cost: nv^1.5 each, four times that with
         Runge-Kutta. stride: steps that are simulated as one where what a change does is asked for
-        (`larger_steps.stride`). known: what was simulated, which is not done twice.
+        (`larger_steps.stride`). known: what was simulated, which is not done twice. always: terms with their flat
+        parameters that act in every run.
     """
 
     model: mujoco.MjModel
@@ -101,11 +102,16 @@ class Simulator:
     work: float = 0.0
     stride: int = 1
     known: Remembered = field(default_factory=Remembered)
+    always: tuple[Hypothesis, Array] = (Hypothesis(), np.zeros(0))
     _larger: tuple[Windows, int, Windows] | None = None
 
     def __post_init__(self) -> None:
         self.model = _without_autoreset(self.model)
         self.ctx = replace(self.ctx, model=self.model)
+
+    def beside(self, hypothesis: Hypothesis, theta: Array) -> Simulator:
+        """The same machine with these terms in every run."""
+        return replace(self, always=(hypothesis, theta), known=Remembered(), _larger=None)
 
     def costly(self, w: Windows) -> bool:
         """Whether there are so many steps that cheaper ones show what a change does nearly as well."""
@@ -178,7 +184,9 @@ class Simulator:
     def _groups(self, runs: list[Run], rows_of: Array) -> list[Group]:
         table: dict[Term, tuple[list[Array], list[Array]]] = {}
         for run, rows in zip(runs, rows_of, strict=True):
-            for term, theta in run.hypothesis.split(self.ctx, run.theta).items():
+            known, fixed = self.always
+            parts = known.split(self.ctx, fixed) | run.hypothesis.split(self.ctx, run.theta)
+            for term, theta in parts.items():
                 lists = table.setdefault(term, ([], []))
                 lists[0].append(rows)
                 lists[1].append(np.tile(theta, (rows.size, 1)))

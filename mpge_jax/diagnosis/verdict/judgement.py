@@ -150,7 +150,7 @@ def judge(
     if left is not None and matters(share):
         unexplained = describe(p, left, share)
         s.say("modelling what is left")
-        residual = residual_of_motion(p, s, found.fit, unexplained["at"], held)
+        residual = residual_of_motion(p, s, found.fit, unexplained["at"], shown, held)
     if unexplained is None:
         p.warnings += stepped
     if drives is not None:

@@ -11,15 +11,16 @@ import pytest
 
 from mpge_jax.diagnosis import REGISTRY
 from mpge_jax.diagnosis.corrected import CorrectedModel
-from mpge_jax.diagnosis.effects.context import nominal_context
+from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.residual import Axis, Residual, splines
 from mpge_jax.diagnosis.effects.step import Step
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import compile_variable
-from tests.diagnosis.machines import PENDULUM
+from tests.diagnosis.machines import ARM, PENDULUM
 from tests.diagnosis.searches import HINGE
 
 CTX = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+COUPLED = Residual((Axis("q", -1.0, 1.0, "elbow"), Axis("v", -3.0, 3.0)), 3.0)
 OF_BOTH = Residual((Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)), 3.0)
 
 
@@ -65,6 +66,7 @@ def test_an_identifier_says_it_all():
         OF_BOTH,
         Residual((Axis("f", -0.25, 1.5),), 0.5),
         Residual((Axis("l", -1e-3, 1e3),), 12.0),
+        COUPLED,
     ):
         again = REGISTRY[effect.id]
         assert again.id == effect.id and again.axes == effect.axes and again.below == effect.below
@@ -72,8 +74,29 @@ def test_an_identifier_says_it_all():
     for wrong in ("residual:q[1,0]below 3", "residual:x[0,1]below 3", "residual:q[0,1]", "residual", "other"):
         with pytest.raises(KeyError):
             REGISTRY[wrong]
-    with pytest.raises(ValueError, match="one of q, v, f, l with a range"):
-        Axis("q", 0.0, float("nan"))
+    with pytest.raises(KeyError):
+        REGISTRY["residual:l@elbow[0,1]below 3"]
+    for wrong in (("q", 0.0, float("nan")), ("l", 0.0, 1.0, "elbow"), ("q", 0.0, 1.0, "el[bow")):
+        with pytest.raises(ValueError, match="one of q, v, f, l with a range"):
+            Axis(*wrong)
+
+
+def test_a_coupling_reads_the_other_joint():
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(ARM)))
+    shoulder, elbow = (Place("joint", name, k) for k, name in enumerate(ctx.names.joints))
+    none = np.zeros(2)
+    s = Step(
+        np.array([0.5, -0.2]), np.array([1.0, 2.0]), none, np.array([3.0, 4.0]),
+        none, none, none, none, none, lambda _: none, 0.01,
+    )  # fmt: skip
+    assert COUPLED.coupled and not OF_BOTH.coupled
+    assert [float(x) for x in COUPLED.inputs(ctx, shoulder, s)] == [-0.2, 1.0]
+    assert float(Residual((Axis("f", -9.0, 9.0, "shoulder"),), 3.0).inputs(ctx, elbow, s)[0]) == 3.0
+    first, second = COUPLED.axes
+    assert (first.letter, first.says) == ("q(elbow)", "position of the elbow")
+    assert (second.letter, second.says, second.unit(ctx, shoulder)) == ("v", "speed of the joint", "rad/s")
+    with pytest.raises(ValueError, match="no joint 'elbow'"):
+        COUPLED.inputs(CTX, HINGE, step(0.0, 0.0))
 
 
 def table(values: list[float]) -> list[dict[str, object]]:

@@ -8,13 +8,14 @@ import pytest
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.residual import Axis, Residual
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.evidence.held_out_error import fit_report
-from mpge_jax.diagnosis.residual import roll_out
+from mpge_jax.diagnosis.residual import motion, roll_out
 from mpge_jax.diagnosis.residual.inputs import places_of, seen
-from mpge_jax.diagnosis.residual.model import with_function
+from mpge_jax.diagnosis.residual.model import Function, with_function
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from tests.diagnosis.machines import PENDULUM, record
-from tests.diagnosis.searches import COULOMB, HINGE, fitted, search_of
+from tests.diagnosis.searches import COULOMB, GAIN, HINGE, fitted, search_of
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,7 @@ def grinding():
 def test_a_law_of_angle_and_speed_is_learned(grinding):
     s, p = grinding
     held = fit_report(p, NOTHING, "test")
-    found = residual_of_motion(p, s, NOTHING, ["hinge"], held)
+    found = residual_of_motion(p, s, NOTHING, ["hinge"], (p, NOTHING), held)
     assert found is not None and found.before == held.after.rms and found.after < 0.2 * found.before
     (function,) = found.functions
     assert "v" in [a.input for a in function.axes] and function.term.place == HINGE
@@ -40,8 +41,31 @@ def test_a_law_of_angle_and_speed_is_learned(grinding):
 def test_where_nothing_is_left_there_is_no_function(rubbing):
     s, p = rubbing
     f = fitted(s, {COULOMB: [0.1]})
-    assert residual_of_motion(p, s, f, ["hinge"], fit_report(p, f, "test")) is None
-    assert residual_of_motion(p, s, f, ["no joint"], fit_report(p, f, "test")) is None
+    held = fit_report(p, f, "test")
+    assert residual_of_motion(p, s, f, ["hinge"], (p, f), held) is None
+    assert residual_of_motion(p, s, f, ["no joint"], (p, f), held) is None
+
+
+def test_it_is_judged_on_the_machine_whose_errors_are_shown(rubbing, monkeypatch):
+    """A machine that measured forces drive may be shown driven by its commands, with what was found between the two."""
+    s, p = rubbing
+    effect = Residual((Axis("v", -3.0, 3.0),), 3.0)
+    term, theta = Term(effect.id, HINGE), -0.1 * np.sign(np.linspace(-1, 1, 9))
+    function = Function(term, theta, None)
+    monkeypatch.setattr(
+        motion,
+        "functions_of_motion",
+        lambda _p, _s, f, _at: ([function], with_function(p.ctx, f, term, theta)),
+    )
+    weak = fitted(s, {GAIN: [0.9]})
+    held = fit_report(p, weak, "test")
+    found = residual_of_motion(p, s, NOTHING, ["hinge"], (p, weak), held)
+    want = errors(p.sim, with_function(p.ctx, weak, term, theta), held.windows, p.noise).rms
+    assert found.before == held.after.rms and found.after == want < found.before
+    assert (
+        found.after
+        > 2.0 * errors(p.sim, with_function(p.ctx, NOTHING, term, theta), held.windows, p.noise).rms
+    )
 
 
 def test_places_are_joints_or_those_that_actuators_drive(rubbing):

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from mpge_jax.diagnosis.effects.context import Context, joint_unit
-from mpge_jax.diagnosis.effects.residual import ANGLE, DRIVE, LOAD, SPEED, residual_of
+from mpge_jax.diagnosis.effects.residual import ANGLE, DRIVE, LOAD, SPEED, Axis, residual_of
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, MEASURED
@@ -50,7 +50,7 @@ def _curve(ctx: Context, function: Function, points: Points, ax: Axes) -> None:
     ax.plot(points.inputs[0], points.force, "o", ms=3, color=MEASURED, alpha=0.55, mew=0, label=POINTS)
     ax.plot(x, y, color=CORRECTED, lw=2.0, label="function")
     ax.set_ylim(*span(y, (points.force,), 0.0))
-    ax.set_xlabel(_named(ctx, function, axis.input))
+    ax.set_xlabel(_named(ctx, function, axis))
     ax.set_ylabel(_force(ctx, function))
     ax.grid(alpha=0.25)
     drawing.legend_above(ax)
@@ -74,8 +74,8 @@ def _map(ctx: Context, function: Function, points: Points, row: SubFigure) -> No
     )
     left.set_xlim(first.low, first.high)
     left.set_ylim(second.low, second.high)
-    left.set_xlabel(_named(ctx, function, first.input))
-    left.set_ylabel(_named(ctx, function, second.input))
+    left.set_xlabel(_named(ctx, function, first))
+    left.set_ylabel(_named(ctx, function, second))
     drawing.legend_above(left)
     row.colorbar(drawn, ax=left, label=f"missing at {_force(ctx, function)}", extend="both")
     right.axline((0, 0), slope=1, color=CORRECTED, lw=1.5)
@@ -91,7 +91,6 @@ def _force(ctx: Context, function: Function) -> str:
     return f"{drawing.short(function.term.place.name, 18)} ({unit})"
 
 
-def _named(ctx: Context, function: Function, key: str) -> str:
-    place = function.term.place
-    angle, force = joint_unit(ctx, place, "rad", "m"), joint_unit(ctx, place, "N m", "N")
-    return f"{SHORT[key]} ({({ANGLE: angle, SPEED: f'{angle}/s'}).get(key, force)})"
+def _named(ctx: Context, function: Function, axis: Axis) -> str:
+    whose = f" of {drawing.short(axis.joint, 18)}" if axis.joint else ""
+    return f"{SHORT[axis.input]}{whose} ({axis.unit(ctx, function.term.place)})"

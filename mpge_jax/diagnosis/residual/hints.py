@@ -1,0 +1,48 @@
+"""Which functions are worth fitting: those that look like the force which short pieces of recordings lack."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.context import Place
+from mpge_jax.diagnosis.effects.residual import Residual
+from mpge_jax.diagnosis.residual.points import Pieces
+from mpge_jax.diagnosis.residual.regression import Blocks, smoothed
+
+Array = np.ndarray
+FOLDS = 5
+"""Stretches of the recordings that are each predicted from the others."""
+HINTS = 4
+"""Functions beside those of one input of the joint, at most, that are worth fitting."""
+
+
+def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) -> list[Residual]:
+    """The functions of one input of the joint itself, and those of the others, of which there may be hundreds, that
+    explain most of the force which pieces lack, told from other pieces.
+
+    Args:
+        tried: pieces of several lengths. The length counts at which most is explained: short pieces are blurred by
+            noise, long ones by the motion.
+    """
+    plain = [e for e in candidates if len(e.axes) == 1 and not e.coupled]
+    others = [e for e in candidates if e not in plain]
+    best: tuple[float, list[Residual]] = (0.0, [])
+    for these in tried if others else ():
+        if these.force.size < 2 * FOLDS or not these.force.any():
+            continue
+        told = sorted(((_explained(e, place, these), k) for k, e in enumerate(others)), reverse=True)[:HINTS]
+        if told[0][0] > best[0]:
+            best = told[0][0], [others[k] for share, k in told if share > 0.0]
+    return plain + best[1]
+
+
+def _explained(effect: Residual, place: Place, these: Pieces) -> float:
+    """Share of the squared force, in units of its standard errors, that a function told from other pieces explains."""
+    columns = np.array(effect.basis(np, [these.values[a.key] for a in effect.axes])) / these.unsure
+    missing = these.force / these.unsure
+    weight = 1.0 / (1.0 + missing**2 / np.median(missing**2))
+    blocks = Blocks.of(columns[..., None], -missing[:, None], weight)
+    fold = np.arange(missing.size) * FOLDS // missing.size
+    return 1.0 - float(smoothed(effect, place.index, blocks, fold).left.sum() / (weight @ blocks.whole))

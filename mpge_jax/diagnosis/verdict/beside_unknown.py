@@ -1,0 +1,70 @@
+"""Physics that nobody named, first: what acts beside it, and whether what was named is only like it.
+
+Where one force has no name, effects that are like it a little are found in its place, or what has a name is hidden by
+it. A function of what goes on at the place, or of another joint's motion, may stand for it: then effects are searched
+for beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.prediction_error import errors
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport, fit_report, judged, left_out
+from mpge_jax.diagnosis.residual.motion import functions_of_motion
+from mpge_jax.diagnosis.selection.confirmation import predicts_better
+from mpge_jax.diagnosis.selection.procedure import Decision, decide, tested, what_is_left
+from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.selection.setup import build_search
+from mpge_jax.diagnosis.thresholds import REMAINS
+from mpge_jax.diagnosis.verdict.remainder_description import describe
+
+LIKE = "it is only like what acts: without it, a force that nobody named predicts recordings far better"
+
+
+def beside_unknown(
+    p: Prepared, s: Search, found: Decision, held: FitReport, say: Callable[[str], None]
+) -> tuple[Decision, FitReport]:
+    """What was found, with its errors on test recordings; where something is left and a function explains far more than
+    what was found does, the effects that are found beside that function instead."""
+    if found.left is None:
+        return found, held
+    noise, left = what_is_left(p, NOTHING, s)
+    if left is None:
+        return found, held
+    say("asking what one unknown force explains")
+    at = describe(p, left, 1.0)["at"]
+    functions, unknown = functions_of_motion(p, s, NOTHING, at)
+    if not functions or not predicts_better(p, unknown, found.fit):
+        return found, held
+    named = found.fit.hypothesis.named
+    if named:
+        # all that has a name is given up for much more alone, and such functions may act beside it as well
+        more = [x for x in describe(p, found.left, 1.0)["at"] if x not in at]
+        if not _far_better(p, unknown, found.fit):
+            return found, held
+        _, both = functions_of_motion(p, s, found.fit, [*at, *more])
+        if not _far_better(p, unknown, both):
+            return found, held
+    say("looking for what acts beside it")
+    with_it = replace(p, sim=p.sim.beside(unknown.hypothesis, unknown.theta))
+    search = build_search(with_it, say, p.config.decide_s)
+    beside, _ = tested(with_it, search, decide(with_it, search, say))
+    s.log += search.log
+    fit = beside.fit
+    if fit.hypothesis.terms:
+        noise, left = what_is_left(p, fit, s)
+    p.warnings += left_out([t for t in named if t not in fit.hypothesis.terms], LIKE)
+    if left is None:
+        return found, held
+    return Decision(fit, beside.rivals, noise, left, s), fit_report(p, fit, "test")
+
+
+def _far_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
+    """Whether recordings that only choose are predicted better beyond doubt, and by much."""
+    w = judged(p, "choice")
+    less, more = (errors(p.sim, f, w, p.noise).rms for f in (new, old))
+    return less**2 < REMAINS * more**2 and predicts_better(p, new, old)

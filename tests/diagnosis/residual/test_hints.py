@@ -1,0 +1,76 @@
+"""Of hundreds of functions those are fitted that look like what short pieces lack, couplings of joints among them."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.effects.context import nominal_context
+from mpge_jax.diagnosis.effects.residual import Residual
+from mpge_jax.diagnosis.machine.model import compile_variable
+from mpge_jax.diagnosis.residual.hints import HINTS, hinted
+from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
+from mpge_jax.diagnosis.residual.points import Pieces
+from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.searches import HINGE, prepared_of
+
+KEYS = ("q", "v", "l", "f", "q@elbow", "v@elbow", "f@elbow", "q@wrist", "v@wrist")
+RNG = np.random.default_rng(0)
+VALUES = {key: RNG.uniform(-1.0, 1.0, 300) for key in KEYS}
+
+
+def pieces(force: np.ndarray, noise: float = 0.02) -> Pieces:
+    unsure = np.full(force.size, noise)
+    return Pieces(force + noise * np.random.default_rng(1).standard_normal(force.size), unsure, VALUES)
+
+
+def inputs(effect: Residual) -> str:
+    return " ".join(a.key for a in effect.axes)
+
+
+def test_functions_are_of_the_joint_of_another_one_or_of_both():
+    said = [inputs(e) for e in functions(VALUES)]
+    assert said[: len(KEYS)] == ["q", "v", "l", "f", *KEYS[4:]] and len(set(said)) == len(said)
+    assert {"q v", "v q@elbow", "q@elbow v@elbow", "l v@wrist"} < set(said)
+    assert not any("elbow" in x and "wrist" in x for x in said)
+
+
+@pytest.mark.parametrize(
+    ("force", "want"),
+    [
+        (0.6 * VALUES["q@elbow"] * VALUES["v@elbow"], "q@elbow v@elbow"),
+        (0.3 * VALUES["v"] * VALUES["q"] ** 2, "q v"),
+        (0.1 * VALUES["f@elbow"], "f@elbow"),
+    ],
+)
+def test_what_explains_most_is_hinted_at(force, want):
+    every = functions(VALUES)
+    found = [inputs(e) for e in hinted(every, HINGE, [pieces(force)])]
+    assert want in found[4:] and found[:4] == ["q", "v", "l", "f"] and len(found) <= 4 + HINTS
+
+
+def test_the_length_of_the_pieces_is_the_one_that_shows_most():
+    force = 0.6 * VALUES["q@elbow"] * VALUES["v@elbow"]
+    blurred, clear = pieces(0.05 * force, 0.3), pieces(force)
+    for tried in ([blurred, clear], [clear, blurred]):
+        assert inputs(hinted(functions(VALUES), HINGE, tried)[4]) == "q@elbow v@elbow"
+
+
+def test_where_nothing_is_missing_or_known_only_the_joints_own_inputs_are_tried():
+    every = functions(VALUES)
+    few = Pieces(np.ones(5), np.ones(5), {key: x[:5] for key, x in VALUES.items()})
+    for tried in ([], [few], [pieces(np.zeros(300), 0.0)]):
+        assert [inputs(e) for e in hinted(every, HINGE, tried)] == ["q", "v", "l", "f"]
+
+
+def test_inputs_of_other_joints_are_what_these_do():
+    p = prepared_of(ARM, record(ARM, [4.0, 0.8], count=3, seconds=1.0))
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(ARM)))
+    shoulder, elbow = (places_of(p, [name])[0] for name in ctx.names.joints)
+    here, there = seen(p, shoulder), seen(p, elbow)
+    assert set(here) == {"q", "v", "l", "f", "q@elbow", "v@elbow", "f@elbow"}
+    for key in "qv":
+        np.testing.assert_array_equal(here[f"{key}@elbow"], there[key])
+        np.testing.assert_array_equal(there[f"{key}@shoulder"], here[key])
+    np.testing.assert_array_equal(there["f@shoulder"], here["f"])
