@@ -47,8 +47,8 @@ ENOUGH_WINDOWS = 8
 # more than noise
 DOUBT = 3.0
 """Standard errors by which the mean loss must exceed what noise leaves for something to be left."""
-BEYOND_NOISE = 5.0
-"""Loss of a window that no noise explains, whatever the others show."""
+BEYOND_NOISE = 2.0
+"""Times the largest loss of any window that noise leaves, by simulation, beyond which no noise explains one."""
 ELSEWHERE_FROM, MANY_ELSEWHERE = 1.3, 0.5
 """Relative chi^2 of a window from which on it may start elsewhere than estimated, where things strike each other; and
 the share of such windows from which on something is missing instead."""

@@ -58,8 +58,8 @@ class Floor:
 
     def far(self, losses: Array) -> bool:
         """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave."""
-        usual = float(self.losses.max(initial=0.0))
-        return bool((losses > max(BEYOND_NOISE, 2.0 * usual)).sum() >= SEVERAL)
+        most = float(self.losses.max(initial=1.0))
+        return bool((losses > BEYOND_NOISE * most).sum() >= SEVERAL)
 
     def beyond(self, left: Left) -> bool:
         """Whether more is left than that."""

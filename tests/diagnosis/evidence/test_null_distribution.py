@@ -21,8 +21,14 @@ def test_more_is_left_by_the_mean_or_in_several_windows_far_beyond():
     few = usual.copy()
     few[-2:] = 6.0
     assert not noise.beyond(Left(few, typical))
-    few[-3:] = 6.0
+    few[-3:] = 3.9
+    assert not noise.beyond(Left(few, typical))
+    few[-3:] = 4.1
     assert noise.beyond(Left(few, typical))
+    # noise alone leaves a loss near one, however little few simulated windows show
+    few[-3:] = 1.9
+    quiet = Floor(0.9, 0.5, 1.0, np.full(8, 0.5))
+    assert not quiet.beyond(Left(few, typical)) and quiet.beyond(Left(np.where(few > 1.5, 2.1, few), typical))
 
 
 def test_the_floor_is_what_a_true_model_leaves():
