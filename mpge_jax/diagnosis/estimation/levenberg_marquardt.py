@@ -122,7 +122,9 @@ def _advance(
 def _better(
     sim: Simulator, trials: list[tuple[Problem, Array]], w: Windows, white: Whitener
 ) -> dict[int, tuple[Fitted, Array]]:
-    """By a problem's `id`, the best of its trials, with its whitened residuals [W, M], where it is better."""
+    """By a problem's `id`, the best of its trials, with its whitened residuals [W, M], where it is better; where none
+    moves (at a bound), a loss by cheaper steps may be another one, which is no gain."""
+    trials = [(p, t) for p, t in trials if not np.array_equal(t, p.fit.theta)]
     runs = [Run(p.fit.hypothesis, t) for p, t in trials]
     out: dict[int, tuple[Fitted, Array]] = {}
     told = sim.cheaply if sim.costly(w) else sim.residuals

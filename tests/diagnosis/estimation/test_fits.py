@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from mpge_jax.diagnosis.effects.context import Param
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.covariance import jackknife
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit, timing_error
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import _better, fit, timing_error
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, refined
 from tests.diagnosis.machines import BOX, PENDULUM, record
@@ -47,6 +49,18 @@ def test_steps_are_stretched_where_there_are_contacts_alone(sliding, rubbing):
     np.testing.assert_allclose(np.ravel(found), np.minimum([2.5, 5.0], high))
     assert beyond(problem, np.array([0.5]), s.sim.ctx)[1] == 0.0
     assert beyond(problem, np.array([1.5]), smooth.sim.ctx) == []
+
+
+def test_a_step_that_goes_nowhere_is_no_gain(rubbing):
+    """By cheaper steps a loss may be another one at the same parameters; a direction of no length has no slope."""
+    s, _ = rubbing
+    f = replace(fitted(s, {DAMPING: [0.02]}), loss=np.inf)
+    problem, white = Problem(f, f.hypothesis.params(s.sim.ctx)), s.whiten_one(f, s.train)
+    assert not _better(s.sim, [(problem, f.theta.copy())], s.train, white)
+    (better,) = _better(
+        s.sim, [(problem, f.theta.copy()), (problem, f.theta + 0.01)], s.train, white
+    ).values()
+    assert better[0].theta == f.theta + 0.01
 
 
 def test_times_are_known_to_a_part_of_a_timestep():
