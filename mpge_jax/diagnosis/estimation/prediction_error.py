@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,8 @@ from mpge_jax.diagnosis.simulation.near import changes
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
+DRAWS = 4
+"""Draws of the noise in measured forces."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +49,13 @@ def errors(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Errors:
     return Errors(float(np.sqrt(filled.sum() / total)), np.sqrt(per_joint), np.sqrt(per_window), residual)
 
 
-def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Array:
-    """Variance that measurement noise and uncertain start states alone would give each window [W], were they
-    independent: mean square over position columns."""
+def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Array) -> Array:
+    """Variance that noise and uncertain start states alone would give each window [W], were they independent: mean
+    square over position columns.
 
+    Args:
+        shaken: [nu] deviation of the noise in measured forces that drive the machine; 0 where commands do.
+    """
     nv, scale = sim.model.nv, column_scale(noise, sim.model)
     w = told(sim, f, w, scale)
     moved = changes(sim, start_runs(f.hypothesis, f.theta, w), w)[..., :nv]
@@ -58,7 +64,21 @@ def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Array:
     cov = left_open(sim, f, w, scale)
     starts = np.einsum("swnd,wst,twnd->wnd", spread, cov, spread, optimize=True)
     variance = starts + np.where(seen, scale[:nv] ** 2, 0.0)
-    return np.where(seen, variance, 0.0).sum((1, 2)) / np.maximum(seen.sum((1, 2)), 1)
+    square = np.where(seen, variance, 0.0).sum((1, 2)) / np.maximum(seen.sum((1, 2)), 1)
+    return square + _shaken_floor(sim, f, w, noise, shaken)
+
+
+def _shaken_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Array) -> Array:
+    """Mean square error of positions in each window as noise in the forces of every row makes it."""
+    if not shaken.any():
+        return np.zeros(w.count)
+    rng, run = np.random.default_rng(0), [Run(f.hypothesis, f.theta)]
+
+    def change(whole: Windows) -> Array:
+        again = whole.driven_by(tuple(s.shaken(shaken, rng) for s in whole.sources))
+        return sim.residuals(run, again)[0] - sim.residuals(run, whole)[0]
+
+    return np.mean([_from_told_starts(sim, f, w, noise, change) for _ in range(DRAWS)], axis=0)
 
 
 def numerical_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts: dict[str, float]) -> Array:
@@ -70,15 +90,26 @@ def numerical_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts
     """
     if not any(amounts.values()):
         return np.zeros(w.count)
+
+    def change(whole: Windows) -> Array:
+        changed = numerics(sim, f.hypothesis, f.theta, whole)
+        moves = [a * changed[kind] for kind, a in amounts.items() if kind in changed]
+        return np.sum([np.zeros((*whole.seen.shape, 2 * sim.model.nv)), *moves], axis=0)
+
+    return _from_told_starts(sim, f, w, noise, change)
+
+
+def _from_told_starts(
+    sim: Simulator, f: Fitted, w: Windows, noise: Noise, change: Callable[[Windows], Array]
+) -> Array:
+    """Mean square [W] of a change [W, N, 2 nv] of the positions, from starts that follow it."""
     nv, scale = sim.model.nv, column_scale(noise, sim.model)
     w = told(sim, f, w, scale)
     cov = left_open(sim, f, w, scale)
     whole = replace(w, seen=w.seen | w.lead, lead=np.zeros_like(w.lead))
     columns = np.nan_to_num(changes(sim, start_runs(f.hypothesis, f.theta, whole), whole))
     known = np.where(w.lead[..., None] & np.isfinite(scale), 1.0 / scale**2, 0.0)
-    changed = numerics(sim, f.hypothesis, f.theta, whole)
-    moves = [a * changed[kind] for kind, a in amounts.items() if kind in changed]
-    d = np.clip(np.nan_to_num(np.sum([np.zeros_like(columns[0]), *moves], axis=0)), -1e3, 1e3)
+    d = np.clip(np.nan_to_num(change(whole)), -1e3, 1e3)
     follows = -np.einsum("wst,twnd,wnd->ws", cov, columns, known * d, optimize=True)
     d = d + np.einsum("swnd,ws->wnd", columns, follows, optimize=True)
     return (d[..., :nv] ** 2 * w.seen[..., None]).sum((1, 2)) / np.maximum(w.seen.sum(1) * nv, 1)

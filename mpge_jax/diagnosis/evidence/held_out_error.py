@@ -10,6 +10,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
+from mpge_jax.diagnosis.evidence.null_distribution import force_noise
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import MEANS_SOMETHING
@@ -37,7 +38,7 @@ class FitReport:
     floor: float
 
     def above(self, ratio: float) -> FitReport:
-        """The same with `ratio` times the noise. Where that is more than the error, the noise is overestimated."""
+        """The same with `ratio` times the noise."""
         return replace(self, floors=ratio * self.floors, floor=ratio * self.floor)
 
     def beside(self, square: Array) -> FitReport:
@@ -77,7 +78,7 @@ def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
     w = judged(p, part)
     before = errors(p.sim, NOTHING, w, p.noise)
     after = errors(p.sim, f, w, p.noise) if f.hypothesis.terms else before
-    variance = noise_floor(p.sim, f, w, p.noise)
+    variance = noise_floor(p.sim, f, w, p.noise, force_noise(p))
     return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())))
 
 

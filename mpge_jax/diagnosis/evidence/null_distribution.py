@@ -40,14 +40,15 @@ class Floor:
 
     Attributes:
         loss, error: mean of the windows' losses and its standard error. losses: [W] those losses.
-        ratio: root-mean-square error relative to `noise_floor`, which takes start state and measurements for
-            independent (they are not: the state was smoothed from the same measurements) and knows nothing of noise
-            in measured forces.
+        ratio: usual error relative to `noise_floor`, which takes start state and measurements for independent (they
+            are not: the state was smoothed from the same measurements), at most 1.
+        missed: root-mean-square error of all windows relative to that, where impacts weigh.
     """
 
     loss: float = 1.0
     error: float = 0.05
     ratio: float = 1.0
+    missed: float = 1.0
     losses: Array = field(default_factory=lambda: np.zeros(0))
 
     def exceeded(self, losses: Array) -> bool:
@@ -127,13 +128,15 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     residual = sim.residuals([Run(f.hypothesis, f.theta)], cuts)[0]
     flat = white(residual)
     loss = robust_loss(white.excess(flat))
-    expected = noise_floor(sim, f, cuts, noise)
+    expected = noise_floor(sim, f, cuts, noise, shaken)
     positions = np.clip(residual[..., : sim.model.nv], -1e3, 1e3)
     seen = np.isfinite(positions).any((1, 2))
-    got = np.nanmean(positions[seen] ** 2, axis=(1, 2))
-    ratio = float(np.sqrt(np.median(got / np.maximum(expected[seen], 1e-300)))) if seen.any() else 1.0
-    ratio = ratio if shaken.any() else min(ratio, 1.0)
-    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio, loss)
+    ratio = missed = 1.0
+    if seen.any():
+        got, expected = np.nanmean(positions[seen] ** 2, axis=(1, 2)), np.maximum(expected[seen], 1e-300)
+        ratio = min(float(np.sqrt(np.median(got / expected))), 1.0)
+        missed = float(np.sqrt(got.mean() / expected.mean()))
+    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio, missed, loss)
 
 
 def force_noise(prepared: Prepared) -> Array:

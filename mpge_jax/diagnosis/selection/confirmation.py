@@ -20,6 +20,7 @@ from mpge_jax.diagnosis.evidence.held_out_error import (
     left_out,
 )
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
+from mpge_jax.diagnosis.evidence.null_distribution import force_noise
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -114,7 +115,8 @@ def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
     """Whether recordings that only choose are predicted better, over windows of the reported length, beyond doubt."""
     w = judged(p, "choice")
     before, after = (errors(p.sim, f, w, p.noise) for f in (old, new))
-    return beyond_doubt(_evidence(before, after, np.sqrt(noise_floor(p.sim, new, w, p.noise))))
+    floors = np.sqrt(noise_floor(p.sim, new, w, p.noise, force_noise(p)))
+    return beyond_doubt(_evidence(before, after, floors))
 
 
 def _helps(report: FitReport) -> bool:

@@ -79,6 +79,12 @@ class Source:
         names = ("recording", "states", "command", "smooth", "age", "activation", "late", "bend")
         return Source.build(**{**{name: getattr(self, name) for name in names}, **changes})
 
+    def shaken(self, deviation: Array, rng: np.random.Generator) -> Source:
+        """The same with noise of a deviation [nu] in every row."""
+        noise = deviation * rng.standard_normal(self.command.shape)
+        smooth = self.smooth + np.where(self.smooth.any(0), noise, 0.0)
+        return self.rebuilt(command=self.command + noise, smooth=smooth)
+
     def mean_command(self, edges: Array) -> Array:
         """Mean command [L, nu] over the steps between consecutive times `edges` [L + 1]."""
         t, out = self.recording.time, np.empty((edges.size - 1, self.command.shape[1]))

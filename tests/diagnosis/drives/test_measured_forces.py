@@ -19,6 +19,8 @@ from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
+from mpge_jax.diagnosis.estimation.prediction_error import noise_floor
+from mpge_jax.diagnosis.evidence.held_out_error import fit_report
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor, force_noise
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
 from mpge_jax.diagnosis.measurement.encoder_zeros import with_zeros
@@ -242,6 +244,10 @@ def test_noise_in_measured_forces_is_in_the_floor(rate, noise):
     found = floor(p, nominal, p.config.decide_s)
     assert not found.exceeded(losses)
     assert 0.4 < found.loss / losses.mean() < 2.0
+    # and so it is in what the report calls noise alone, far above that of the positions
+    told = fit_report(p, nominal, "test")
+    quiet = noise_floor(p.sim, nominal, told.windows, p.noise, np.zeros(1))
+    assert 0.5 < told.after.rms / told.floor < 1.6 and told.floor > 3.0 * np.sqrt(quiet.mean())
 
 
 @pytest.mark.parametrize("unknown", [False, True])

@@ -57,7 +57,7 @@ def test_less_is_left_open_than_before_and_errors_are_as_large_as_that(null):
     assert (np.linalg.eigvalsh(np.eye(2) - cov) > -1e-9).all() and (np.linalg.det(cov) < 0.5).all()
     # the recording was made in steps a quarter as long: one and a half times what halving them changes
     steps = numerical_floor(p.sim, NOTHING, w, p.noise, {STEP: 1.5})
-    floor = np.sqrt((noise_floor(p.sim, NOTHING, w, p.noise) + steps).mean())
+    floor = np.sqrt((noise_floor(p.sim, NOTHING, w, p.noise, np.zeros(p.model.nu)) + steps).mean())
     assert 0.7 * floor < errors(p.sim, NOTHING, w, p.noise).rms < 1.5 * floor
 
 

@@ -13,7 +13,7 @@ from tests.diagnosis.searches import prepared_of
 
 
 def test_more_is_left_by_the_mean_or_in_several_windows_far_beyond():
-    noise = Floor(1.2, 0.05, 1.0, np.linspace(0.8, 2.0, 32))
+    noise = Floor(1.2, 0.05, losses=np.linspace(0.8, 2.0, 32))
     usual, typical = np.tile([1.1, 1.3], 30), np.arange(60) < 50
     assert not noise.beyond(Left(usual, typical))
     # three standard errors of both means are 0.15
@@ -27,7 +27,7 @@ def test_more_is_left_by_the_mean_or_in_several_windows_far_beyond():
     assert noise.beyond(Left(few, typical))
     # noise alone leaves a loss near one, however little few simulated windows show
     few[-3:] = 1.9
-    quiet = Floor(0.9, 0.5, 1.0, np.full(8, 0.5))
+    quiet = Floor(0.9, 0.5, losses=np.full(8, 0.5))
     assert not quiet.beyond(Left(few, typical)) and quiet.beyond(Left(np.where(few > 1.5, 2.1, few), typical))
 
 

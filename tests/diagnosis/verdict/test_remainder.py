@@ -1,11 +1,16 @@
 """Where and when something acts that nothing explains."""
 
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
+from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.verdict import judgement
+from mpge_jax.diagnosis.verdict.judgement import struck
 from tests.diagnosis.machines import ARM, record
 
 CORNERS = {"fl": (0.1, 0.1, 1), "fr": (0.1, -0.1, -1), "rl": (-0.1, 0.1, -1), "rr": (-0.1, -0.1, 1)}
@@ -73,3 +78,19 @@ def test_what_acts_along_one_rotors_force_is_placed_at_that_rotor(rotor):
     assert any(row["at"] == f"rotor_{name}" and row["kind"] == "actuator" for row in table["location"]), (
         table["location"]
     )
+
+
+def test_what_impacts_leave_is_told_beside_what_they_leave_of_the_models_own_recordings():
+    recording = SimpleNamespace(log="drop")
+    windows = SimpleNamespace(
+        start=np.array([0.5, 1.25]), source=[0, 0], sources=[SimpleNamespace(recording=recording)]
+    )
+    errors = SimpleNamespace(rms=0.008, window=np.array([0.001, 0.011]))
+    held = SimpleNamespace(after=errors, floor=0.001, windows=windows)
+    found = SimpleNamespace(fit=NOTHING, noise=Floor(missed=7.5))
+    strikes, free = (SimpleNamespace(ctx=SimpleNamespace(contacts=x)) for x in (((0, 1),), ()))
+    (said,) = struck(strikes, found, held)
+    assert "missed by 8 times what noise alone leaves (most 1.25 s into drop)" in said
+    assert "the model makes itself" in said and "by 7.5 times" in said
+    assert struck(free, found, held) == []
+    assert struck(strikes, found, SimpleNamespace(after=errors, floor=0.005, windows=windows)) == []
