@@ -99,12 +99,15 @@ def test_a_coupling_reads_the_other_joint():
         COUPLED.inputs(CTX, HINGE, step(0.0, 0.0))
 
 
-def table(values: list[float]) -> list[dict[str, object]]:
+CROSSTALK = Residual((Axis("f", -3.0, 3.0, "shoulder"), Axis("v", -5.0, 5.0, "shoulder")), 9.0)
+
+
+def table(values: list[float], effect: Residual = OF_BOTH, at: str = "hinge") -> list[dict[str, object]]:
     return [
         {
             "id": "residual",
-            "form": OF_BOTH.id,
-            "at": "hinge",
+            "form": effect.id,
+            "at": at,
             "kind": "joint",
             "parameters": {"values": values},
         }
@@ -122,21 +125,26 @@ def test_its_force_is_the_same_in_numpy_and_in_jax():
 
 
 @pytest.mark.slow
-def test_it_moves_the_machine_alike_in_c_and_in_jax():
-    values = list(0.2 * np.random.default_rng(0).normal(size=OF_BOTH.count**2))
-    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), table(values))
-    c, plain = (
-        corrected.c_stepper(),
-        CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), []).c_stepper(),
-    )
+@pytest.mark.parametrize(
+    ("xml", "effect", "at", "size"),
+    [(PENDULUM, OF_BOTH, "hinge", 0.2), (ARM, CROSSTALK, "elbow", 2.0)],
+    ids=["own", "coupled"],
+)
+def test_it_moves_the_machine_alike_in_c_and_in_jax(xml, effect, at, size):
+    values = list(size * np.random.default_rng(0).normal(size=effect.count**2))
+    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(xml), table(values, effect, at))
+    c, plain = corrected.c_stepper(), CorrectedModel.build(mujoco.MjSpec.from_string(xml), []).c_stepper()
     engine = corrected.jax_engine("mjx")
-    start = np.array([0.3]), np.array([1.0])
-    data = engine.init(jnp.array(start[0]), jnp.array(start[1]))
+    some = np.ones(c.model.nv)
+    data = engine.init(jnp.array(0.3 * some), jnp.array(some))
     for stepper in (c, plain):
-        stepper.reset(*start)
-        stepper.step(np.array([0.1]), 40)
-    data = engine.step(data, jnp.array([0.1]), 40)
-    assert abs(c.data.qpos[0] - plain.data.qpos[0]) > 1e-3
+        stepper.reset(0.3 * some, some)
+        stepper.step(0.1 * some, 40)
+    data = engine.step(data, jnp.array(0.1 * some), 40)
+    assert abs(c.data.qpos[-1] - plain.data.qpos[-1]) > 1e-3
     np.testing.assert_allclose(data.qpos, c.data.qpos, atol=2e-5)
+
+
+def test_values_are_as_many_as_its_splines():
     with pytest.raises(InputError, match="36 values, not 3"):
         CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), table([1.0, 2.0, 3.0]))
