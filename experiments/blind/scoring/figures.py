@@ -37,10 +37,9 @@ def summary(marks: list[Mark]) -> dict[str, dict]:
     named = [p for m in marks if m.exact > 0 for p in m.parameters]
     drops = [m.drop for m in single if m.drop is not None]
     # a model that is exact as given has an error of rounding alone, before and after
-    gains = [max(m.judged[0], 1e-12) / max(m.judged[1], 1e-12) for m in marks if m.judged is not None]
-    gained = [
-        m.judged[0] / max(m.judged[1], 1e-12) for m in seen if m.judged is not None and m.kind != "null"
-    ]
+    judged = [(m, max(m.judged[0], 1e-12) / max(m.judged[1], 1e-12)) for m in marks if m.judged is not None]
+    gains = [gain for _, gain in judged]
+    gained = [gain for m, gain in judged if m.visible and m.kind != "null"]
     shares: dict[str, tuple[Sequence[float], str]] = {
         "effect and place exactly named": ([m.exact for m in single], "at least 0.95"),
         "right place": ([m.place for m in single], "at least 0.97"),
