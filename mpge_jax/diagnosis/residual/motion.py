@@ -40,18 +40,21 @@ SHORTER, SLOW = (1.0, 0.5, 0.2), 0.02
 def residual_of_motion(
     p: Prepared, s: Search, f: Fitted, at: list[str], shown: tuple[Prepared, Fitted], held: FitReport
 ) -> ResidualModel | None:
-    """The force that `f` lacks at some places as functions of what goes on there, told by all but the test recordings;
-    None where none makes these better predicted.
+    """The force that `f` lacks at some places as functions of what goes on there, told by all but the test recordings,
+    as long as no joint runs away with them; None where none makes these better predicted.
 
     Args:
         at: joints or actuators at which something is left. shown, held: the machine and its fit whose errors on test
             recordings are reported, and these; it may be driven otherwise than the one that `f` was fitted to.
     """
-    found, _ = functions_of_motion(p.all_to_train(), s, f, at)
-    machine, fitted = shown
-    for function in found:
-        fitted = with_function(machine.ctx, fitted, function.term, function.theta)
-    return worthwhile(found, held.after.rms, errors(machine.sim, fitted, held.windows, machine.noise).rms)
+    (machine, shown_fit), kept = shown, []
+    for function in functions_of_motion(p.all_to_train(), s, f, at)[0]:
+        now = with_function(p.ctx, f, function.term, function.theta)
+        if not stays(p, now, f):
+            break
+        f, shown_fit = now, with_function(machine.ctx, shown_fit, function.term, function.theta)
+        kept.append(function)
+    return worthwhile(kept, held.after.rms, errors(machine.sim, shown_fit, held.windows, machine.noise).rms)
 
 
 def functions_of_motion(p: Prepared, s: Search, f: Fitted, at: list[str]) -> tuple[list[Function], Fitted]:
@@ -66,10 +69,7 @@ def functions_of_motion(p: Prepared, s: Search, f: Fitted, at: list[str]) -> tup
         function = _function(p, s, fitted, places, w)
         if function is None:
             break
-        now = with_function(p.ctx, fitted, function.term, function.theta)
-        if not stays(p, now, fitted):
-            break
-        fitted = now
+        fitted = with_function(p.ctx, fitted, function.term, function.theta)
         found.append(function)
         places = [place for place in places if place != function.term.place]
     return found, fitted

@@ -59,6 +59,9 @@ def test_it_is_judged_on_the_machine_whose_errors_are_shown(rubbing, monkeypatch
     )
     weak = fitted(s, {GAIN: [0.9]})
     held = fit_report(p, weak, "test")
+    with monkeypatch.context() as away:
+        away.setattr(motion, "stays", lambda *_: False)
+        assert residual_of_motion(p, s, NOTHING, ["hinge"], (p, weak), held) is None
     found = residual_of_motion(p, s, NOTHING, ["hinge"], (p, weak), held)
     want = errors(p.sim, with_function(p.ctx, weak, term, theta), held.windows, p.noise).rms
     assert found.before == held.after.rms and found.after == want < found.before
