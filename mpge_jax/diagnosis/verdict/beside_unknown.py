@@ -58,8 +58,6 @@ def beside_unknown(
     if fit.hypothesis.terms:
         noise, left = what_is_left(p, fit, s)
     p.warnings += left_out([t for t in named if t not in fit.hypothesis.terms], LIKE)
-    if left is None:
-        return found, held
     return Decision(fit, beside.rivals, noise, left, s), fit_report(p, fit, "test")
 
 

@@ -93,6 +93,12 @@ def test_what_is_found_beside_the_force_is_told_without_it(asked):
     assert answer.held.after.rms == fit_report(asked.p, damping, "test").after.rms
 
 
+def test_what_leaves_nothing_once_it_is_found_leaves_nothing(asked):
+    friction = fitted(asked.s, {COULOMB: [0.1]})
+    answer = asked.of([RUBS], [True, True], friction)
+    assert answer.fit is friction and answer.left is None
+
+
 def test_a_name_that_is_found_again_is_not_said_to_be_left_out(asked):
     gain = fitted(asked.s, {GAIN: [0.95]})
     assert asked.of([RUBS], [True, True], gain).fit is gain and not asked.p.warnings
