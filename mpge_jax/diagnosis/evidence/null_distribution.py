@@ -58,9 +58,10 @@ class Floor:
         return bool(excess > DOUBT * np.hypot(error, self.error))
 
     def far(self, losses: Array) -> bool:
-        """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave."""
+        """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave;
+        where recordings are too short to be simulated anew, nobody knows."""
         most = float(self.losses.max(initial=1.0))
-        return bool((losses > BEYOND_NOISE * most).sum() >= SEVERAL)
+        return bool(self.losses.size and (losses > BEYOND_NOISE * most).sum() >= SEVERAL)
 
     def beyond(self, left: Left) -> bool:
         """Whether more is left than that."""
