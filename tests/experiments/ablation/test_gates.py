@@ -96,7 +96,7 @@ def test_gains_by_their_mean_alone():
 
 
 def test_methods_are_given_their_object():
-    floor = Floor(loss=1.0, error=0.1)
+    floor = Floor(loss=1.0, error=0.1, losses=np.ones(20))
     slight = np.full(50, 1.2)
     assert not floor.exceeded(slight)
     with without(gate("doubt")):
