@@ -255,7 +255,7 @@ GATES = (
     Gate(
         "far windows",
         "several windows far beyond the floor are more than noise",
-        ("BEYOND_NOISE",),
+        ("BEYOND_NOISE", "BY_CHANCE"),
         f"{NULL}:Floor.far",
         fixed(False),
     ),

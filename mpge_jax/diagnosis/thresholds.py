@@ -47,8 +47,9 @@ ENOUGH_WINDOWS = 8
 # more than noise
 DOUBT = 3.0
 """Standard errors by which the mean loss must exceed what noise leaves for something to be left."""
-BEYOND_NOISE = 2.0
-"""Times the largest loss of any window that noise leaves, by simulation, beyond which no noise explains one."""
+BEYOND_NOISE, BY_CHANCE = 2.0, 2.5
+"""Times the largest loss of any window that noise leaves, by simulation, beyond which no noise explains one; and that
+loss where recordings are too short to be simulated anew: of windows of few rows."""
 ELSEWHERE_FROM, MANY_ELSEWHERE = 1.3, 0.5
 """Relative chi^2 of a window from which on it may start elsewhere than estimated, where things strike each other; and
 the share of such windows from which on something is missing instead."""

@@ -26,10 +26,11 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
 from mpge_jax.diagnosis.simulation.windows import Windows, cut
-from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, DOUBT, SEVERAL
+from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, BY_CHANCE, DOUBT, SEVERAL
 
 Array = np.ndarray
-SEGMENT, ALL = 0.8, 1_000_000
+SEGMENT, ROWS, ALL = 0.8, 14, 1_000_000
+"""Seconds and rows of a segment, at least; and rows that none has."""
 WITHIN = 0.45
 """Share of a segment that a window cut from it has at most."""
 
@@ -49,7 +50,7 @@ class Floor:
     error: float = 0.05
     ratio: float = 1.0
     missed: float = 1.0
-    losses: Array = field(default_factory=lambda: np.zeros(0))
+    losses: Array = field(default_factory=lambda: np.array([BY_CHANCE]))
 
     def exceeded(self, losses: Array) -> bool:
         """Whether windows with these losses [W] show more than that on average, beyond doubt."""
@@ -58,10 +59,9 @@ class Floor:
         return bool(excess > DOUBT * np.hypot(error, self.error))
 
     def far(self, losses: Array) -> bool:
-        """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave;
-        where recordings are too short to be simulated anew, nobody knows."""
+        """Whether several windows [W], of those where the model misses most, are far beyond all that it would leave."""
         most = float(self.losses.max(initial=1.0))
-        return bool(self.losses.size and (losses > BEYOND_NOISE * most).sum() >= SEVERAL)
+        return bool((losses > BEYOND_NOISE * most).sum() >= SEVERAL)
 
     def beyond(self, left: Left) -> bool:
         """Whether more is left than that."""
@@ -100,9 +100,9 @@ def floor(
 def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: int, finer: bool) -> Floor:
     sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
     # of all their rows: commands averaged over several would count as noise
-    segment = max(SEGMENT, length / WITHIN)
+    segment = max(SEGMENT, length / WITHIN, (ROWS + 2) * prepared.ctx.period)
     w = prepared.windows("train", duration=segment, limit=limit, seed=5, samples=ALL)
-    if not w.count or w.times.shape[1] < 14:
+    if not w.count or w.times.shape[1] < ROWS:
         return Floor()
     # the first row of a segment is that after the window's start
     rows = [
@@ -111,7 +111,7 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     along = {k: activations(sim.model, w.sources[k]) for k in set(w.source.tolist())}
     filled = [along[k][row] for k, row in zip(w.source, rows, strict=True)]
     simulated = zip(_simulated(prepared, f, w, rows, shaken, rng, finer), filled, w.source, rows, strict=True)
-    kept = [x for x in simulated if x[0].time.size >= 14]
+    kept = [x for x in simulated if x[0].time.size >= ROWS]
     if not kept:
         return Floor()
     segments = [x[0] for x in kept]

@@ -28,7 +28,10 @@ def test_more_is_left_by_the_mean_or_in_several_windows_far_beyond():
     # noise alone leaves a loss near one, however little few simulated windows show
     few[-3:] = 1.9
     quiet = Floor(0.9, 0.5, losses=np.full(8, 0.5))
-    assert not Floor(0.9, 0.5).beyond(Left(np.where(few > 1.5, 9.0, few), typical))
+    # of few rows chance leaves more, and without simulated windows nobody knows how many there are
+    short = Floor(0.9, 0.5)
+    assert not short.beyond(Left(np.where(few > 1.5, 4.9, few), typical))
+    assert short.beyond(Left(np.where(few > 1.5, 5.1, few), typical))
     assert not quiet.beyond(Left(few, typical)) and quiet.beyond(Left(np.where(few > 1.5, 2.1, few), typical))
 
 
