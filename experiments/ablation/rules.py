@@ -308,7 +308,7 @@ WORK = {
     "selection.procedure": ("REFINED",),
     "selection.search_state": ("MANY", "WORK"),
     "selection.setup": ("POOL", "FEWEST_ROWS"),
-    "evidence.null_distribution": ("SEGMENT", "ALL", "WITHIN"),
+    "evidence.null_distribution": ("SEGMENT", "ROWS", "ALL", "WITHIN"),
     "evidence.same_in_principle": ("PARALLEL",),
 }
 """Numbers that stand in the rooms that decide and decide nothing: how much is tried or shown (candidates, windows,
