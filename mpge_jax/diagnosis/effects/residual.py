@@ -34,6 +34,11 @@ _AXIS = rf"([qvf]@{NAMED}|[qvfl])\[([^\[\],]+),([^\[\],]+)\]"
 _ID = re.compile(rf"residual:((?:{_AXIS}){{1,2}})below (?P<below>\S+)")
 
 
+def key_of(which: str, joint: str = "") -> str:
+    """An input: 'q' of the joint on which a function acts, 'q@elbow' of another one."""
+    return f"{which}@{joint}" if joint else which
+
+
 @dataclass(frozen=True)
 class Axis:
     """One input with the range in which it was seen; beyond, the function stays as at the end of it.
@@ -58,10 +63,15 @@ class Axis:
                 f"an input of a residual is one of {', '.join(INPUTS)} with a range, not {self}."
             )
 
+    @staticmethod
+    def of_key(key: str, low: float, high: float) -> Axis:
+        which, _, joint = key.partition("@")
+        return Axis(which, low, high, joint)
+
     @property
     def key(self) -> str:
-        """'q' of the joint on which the function acts, 'q@elbow' of another one."""
-        return f"{self.input}@{self.joint}" if self.joint else self.input
+        """See `key_of`."""
+        return key_of(self.input, self.joint)
 
     @property
     def letter(self) -> str:
@@ -202,10 +212,10 @@ def residual_of(form: str) -> Residual:
     match = _ID.fullmatch(form)
     if match is None:
         raise KeyError(form)
-    axes = [(*key.partition("@")[::2], low, high) for key, low, high in re.findall(_AXIS, match[1])]
+    axes = re.findall(_AXIS, match[1])
     try:
-        told = (Axis(key, float(low), float(high), joint) for key, joint, low, high in axes)
-        return Residual(tuple(told), float(match["below"]))
+        told = tuple(Axis.of_key(key, float(low), float(high)) for key, low, high in axes)
+        return Residual(told, float(match["below"]))
     except ValueError:
         raise KeyError(form) from None
 

@@ -74,11 +74,12 @@ def _shaken_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: A
         return np.zeros(w.count)
     rng, run = np.random.default_rng(0), [Run(f.hypothesis, f.theta)]
 
-    def change(whole: Windows) -> Array:
-        again = whole.driven_by(tuple(s.shaken(shaken, rng) for s in whole.sources))
-        return sim.residuals(run, again)[0] - sim.residuals(run, whole)[0]
+    def drawn(whole: Windows) -> list[Array]:
+        own = sim.residuals(run, whole)[0]
+        again = [whole.driven_by(tuple(s.shaken(shaken, rng) for s in whole.sources)) for _ in range(DRAWS)]
+        return [sim.residuals(run, each)[0] - own for each in again]
 
-    return np.mean([_from_told_starts(sim, f, w, noise, change) for _ in range(DRAWS)], axis=0)
+    return _from_told_starts(sim, f, w, noise, drawn)
 
 
 def numerical_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts: dict[str, float]) -> Array:
@@ -91,25 +92,30 @@ def numerical_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts
     if not any(amounts.values()):
         return np.zeros(w.count)
 
-    def change(whole: Windows) -> Array:
+    def change(whole: Windows) -> list[Array]:
         changed = numerics(sim, f.hypothesis, f.theta, whole)
         moves = [a * changed[kind] for kind, a in amounts.items() if kind in changed]
-        return np.sum([np.zeros((*whole.seen.shape, 2 * sim.model.nv)), *moves], axis=0)
+        return [np.sum([np.zeros((*whole.seen.shape, 2 * sim.model.nv)), *moves], axis=0)]
 
     return _from_told_starts(sim, f, w, noise, change)
 
 
 def _from_told_starts(
-    sim: Simulator, f: Fitted, w: Windows, noise: Noise, change: Callable[[Windows], Array]
+    sim: Simulator, f: Fitted, w: Windows, noise: Noise, drawn: Callable[[Windows], list[Array]]
 ) -> Array:
-    """Mean square [W] of a change [W, N, 2 nv] of the positions, from starts that follow it."""
+    """Mean square [W] of the positions by changes [W, N, 2 nv] of the prediction, from starts that follow them: the
+    mean over all that are drawn."""
     nv, scale = sim.model.nv, column_scale(noise, sim.model)
     w = told(sim, f, w, scale)
     cov = left_open(sim, f, w, scale)
     whole = replace(w, seen=w.seen | w.lead, lead=np.zeros_like(w.lead))
     columns = np.nan_to_num(changes(sim, start_runs(f.hypothesis, f.theta, whole), whole))
     known = np.where(w.lead[..., None] & np.isfinite(scale), 1.0 / scale**2, 0.0)
-    d = np.clip(np.nan_to_num(change(whole)), -1e3, 1e3)
-    follows = -np.einsum("wst,twnd,wnd->ws", cov, columns, known * d, optimize=True)
-    d = d + np.einsum("swnd,ws->wnd", columns, follows, optimize=True)
-    return (d[..., :nv] ** 2 * w.seen[..., None]).sum((1, 2)) / np.maximum(w.seen.sum(1) * nv, 1)
+    squares = []
+    for change in drawn(whole):
+        d = np.clip(np.nan_to_num(change), -1e3, 1e3)
+        follows = -np.einsum("wst,twnd,wnd->ws", cov, columns, known * d, optimize=True)
+        d = d + np.einsum("swnd,ws->wnd", columns, follows, optimize=True)
+        square = (d[..., :nv] ** 2 * w.seen[..., None]).sum((1, 2))
+        squares.append(square / np.maximum(w.seen.sum(1) * nv, 1))
+    return np.mean(squares, axis=0)

@@ -9,11 +9,9 @@ import numpy as np
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual import Residual
 from mpge_jax.diagnosis.residual.points import Pieces
-from mpge_jax.diagnosis.residual.regression import Blocks, smoothed
+from mpge_jax.diagnosis.residual.regression import FOLDS, Blocks, smoothed, stretches
 
 Array = np.ndarray
-FOLDS = 5
-"""Stretches of the recordings that are each predicted from the others."""
 HINTS = 4
 """Functions beside those of one input of the joint, at most, that are worth fitting."""
 
@@ -44,5 +42,6 @@ def _explained(effect: Residual, place: Place, these: Pieces) -> float:
     missing = these.force / these.unsure
     weight = 1.0 / (1.0 + missing**2 / np.median(missing**2))
     blocks = Blocks.of(columns[..., None], -missing[:, None], weight)
-    fold = np.arange(missing.size) * FOLDS // missing.size
-    return 1.0 - float(smoothed(effect, place.index, blocks, fold).left.sum() / (weight @ blocks.whole))
+    return 1.0 - float(
+        smoothed(effect, place.index, blocks, stretches(missing.size)).left.sum() / (weight @ blocks.whole)
+    )

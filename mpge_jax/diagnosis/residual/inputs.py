@@ -10,7 +10,17 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place, default_places
-from mpge_jax.diagnosis.effects.residual import ANGLE, DRIVE, LOAD, NAMED, SPEED, Axis, Residual, driven_by
+from mpge_jax.diagnosis.effects.residual import (
+    ANGLE,
+    DRIVE,
+    LOAD,
+    NAMED,
+    SPEED,
+    Axis,
+    Residual,
+    driven_by,
+    key_of,
+)
 from mpge_jax.diagnosis.machine.model import has_plain_law, is_scalar
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
@@ -45,7 +55,7 @@ def values_of(p: Prepared, s: Source, place: Place, stride: int = 1) -> dict[str
     """Values of every input that is known, over every `stride`-th row of a recording."""
     m, which = p.model, slice(None, None, stride)
     out = values_along(p, place, s.states.qpos[which], s.states.qvel[which])
-    for key, where in {DRIVE: place, **{f"{DRIVE}@{x.name}": x for x in _others(p, place)}}.items():
+    for key, where in {DRIVE: place, **{key_of(DRIVE, x.name): x for x in _others(p, place)}}.items():
         drives = driven_by(p.ctx, where)
         if drives and all(has_plain_law(m, a) for a in drives):
             forces = [
@@ -72,7 +82,7 @@ def values_along(p: Prepared, place: Place, qpos: Array, qvel: Array) -> dict[st
         load.append(-data.qfrc_bias[dof])
     out = {ANGLE: qpos[:, p.ctx.qadr(place)], SPEED: qvel[:, dof], LOAD: np.array(load)}
     for x in _others(p, place):
-        out |= {f"{ANGLE}@{x.name}": qpos[:, p.ctx.qadr(x)], f"{SPEED}@{x.name}": qvel[:, p.ctx.dof(x)]}
+        out[key_of(ANGLE, x.name)], out[key_of(SPEED, x.name)] = qpos[:, p.ctx.qadr(x)], qvel[:, p.ctx.dof(x)]
     return out
 
 
@@ -85,8 +95,7 @@ def functions(values: dict[str, Array]) -> list[Residual]:
     for key, x in values.items():
         low, high = np.quantile(x, EDGES)
         if high - low > 1e-9 * max(1.0, float(np.abs(x).max())):
-            kind, _, joint = key.partition("@")
-            axes.append(Axis(kind, float(f"{low:.6g}"), float(f"{high:.6g}"), joint))
+            axes.append(Axis.of_key(key, float(f"{low:.6g}"), float(f"{high:.6g}")))
     below = float(f"{max(float(np.abs(values[SPEED]).max()), 1e-6):.6g}")
     axes.sort(key=lambda a: a.joint)
     several = [(a, b) for a, b in combinations(axes, 2) if a.joint in ("", b.joint)]

@@ -9,7 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import Residual, residual_of
+from mpge_jax.diagnosis.effects.residual import residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
@@ -18,16 +18,16 @@ from mpge_jax.diagnosis.residual.formula import formula
 from mpge_jax.diagnosis.residual.hints import hinted
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
-from mpge_jax.diagnosis.residual.points import LENGTHS, pieces
-from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, smoothed
+from mpge_jax.diagnosis.residual.points import pieces
+from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, smoothed, stretches
 from mpge_jax.diagnosis.residual.roll_out import stays
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
-WINDOWS, FOLDS = 100, 5
-"""Windows, at most, that a function is fitted to, and the stretches of them that are predicted from the others."""
+WINDOWS = 100
+"""Windows, at most, that a function is fitted to."""
 PROBE = 0.02
 """Force, in the machine's typical ones, by which the windows' answers to a function's values are told."""
 STEPS, PASSES = 4, 3
@@ -77,9 +77,9 @@ def functions_of_motion(p: Prepared, s: Search, f: Fitted, at: list[str]) -> tup
 
 def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows) -> Function | None:
     """The function at one of the places that explains most of what `f` leaves."""
-    fold = np.arange(w.count) * FOLDS // w.count
+    fold = stretches(w.count)
     known = {place: seen(p, place) for place in places}
-    candidates = [(e, x) for x in places for e in _worth_fitting(p, f, x, functions(known[x]))]
+    candidates = [(e, x) for x in places for e in hinted(functions(known[x]), x, pieces(p, "train", f, x))]
     longer = p.windows("train", p.config.report_s, WINDOWS, seed=18)
     now, term, theta, tried = f, None, np.zeros(0), []
     for _ in range(PASSES):
@@ -98,11 +98,6 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     # in units of the noise alone, windows that a function cannot follow count ever less
     _, term, theta = min(tried, key=lambda t: t[0])
     return Function(term, theta, formula(residual_of(term.id), theta, known[term.place], term, p.ctx))
-
-
-def _worth_fitting(p: Prepared, f: Fitted, place: Place, every: list[Residual]) -> list[Residual]:
-    tried = (pieces(p, "train", f, place, length) for length in LENGTHS)
-    return hinted(every, place, (these for these in tried if these is not None))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,44 +47,44 @@ class Pieces:
     unsure: Array
     values: dict[str, Array]
 
+    def beside(self, function: Function) -> Points:
+        return Points(self.force, tuple(self.values[a.key] for a in function.axes))
+
 
 def missing_in_motion(p: Prepared, f: Fitted, function: Function) -> Points:
     """What windows of the held-out recordings lack with the named effects alone: in each a constant force, with the
     start as uncertain as it is."""
     effect = residual_of(function.term.id)
-    names = [a.key for a in effect.axes]
-    found = Points(np.zeros(0), tuple(np.zeros(0) for _ in names))
-    for length in LENGTHS:
-        these = pieces(p, "test", f, function.term.place, length)
-        if these is None:
-            continue
-        inputs = tuple(these.values[name] for name in names)
-        found = Points(these.force, inputs)
-        if np.median(these.unsure) < FINE * np.std(effect.value(np, function.theta, list(inputs))):
+    found = Points(np.zeros(0), tuple(np.zeros(0) for _ in effect.axes))
+    for these in pieces(p, "test", f, function.term.place):
+        found = these.beside(function)
+        if np.median(these.unsure) < FINE * np.std(effect.value(np, function.theta, list(found.inputs))):
             break
     return found
 
 
-def pieces(p: Prepared, part: Part, f: Fitted, place: Place, length: float) -> Pieces | None:
-    """What pieces of a length (s) of one part's recordings lack, with the start as uncertain as it is; None where no
-    recording is long enough."""
-    w = p.windows(part, length, MOST)
-    if not w.count:
-        return None
-    along = [values_of(p, s, place) for s in w.sources]
-    middle = w.start + 0.5 * w.times.max(1)
-    values = {
-        key: np.array(
-            [
-                np.interp(t, w.sources[s].recording.time, along[s][key])
-                for s, t in zip(w.source, middle, strict=True)
-            ]
-        )
-        for key in along[0]
-    }
-    force, unsure = (x[:, p.ctx.dof(place)] for x in missing(p.sim, f, w, p.noise))
-    sure = unsure < ODD * np.median(unsure)
-    return Pieces(force[sure], unsure[sure], {key: x[sure] for key, x in values.items()})
+def pieces(p: Prepared, part: Part, f: Fitted, place: Place) -> Iterator[Pieces]:
+    """What pieces of one part's recordings lack, with the start as uncertain as it is: of each of the `LENGTHS` in
+    turn for which a recording is long enough."""
+    along: list[dict[str, Array]] = []
+    for length in LENGTHS:
+        w = p.windows(part, length, MOST)
+        if not w.count:
+            continue
+        along = along or [values_of(p, s, place) for s in w.sources]
+        middle = w.start + 0.5 * w.times.max(1)
+        values = {
+            key: np.array(
+                [
+                    np.interp(t, w.sources[s].recording.time, along[s][key])
+                    for s, t in zip(w.source, middle, strict=True)
+                ]
+            )
+            for key in along[0]
+        }
+        force, unsure = (x[:, p.ctx.dof(place)] for x in missing(p.sim, f, w, p.noise))
+        sure = unsure < ODD * np.median(unsure)
+        yield Pieces(force[sure], unsure[sure], {key: x[sure] for key, x in values.items()})
 
 
 def missing_in_forces(p: Prepared, f: Fitted, held: ForceErrors, function: Function) -> Points:
@@ -92,8 +93,8 @@ def missing_in_forces(p: Prepared, f: Fitted, held: ForceErrors, function: Funct
     Args:
         held: errors of `f`.
     """
-    these = rows_of(p, held.balance, f, held.corrected - held.balance.measured, function.term.place)
-    return Points(these.force, tuple(these.values[a.key] for a in function.axes))
+    missing = held.corrected - held.balance.measured
+    return rows_of(p, held.balance, f, missing, function.term.place).beside(function)
 
 
 def rows_of(p: Prepared, b: Balance, f: Fitted, missing: Array, place: Place) -> Pieces:

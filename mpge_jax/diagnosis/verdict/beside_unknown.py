@@ -38,14 +38,14 @@ def beside_unknown(
     say("asking what one unknown force explains")
     at = describe(p, left, 1.0)["at"]
     functions, unknown = functions_of_motion(p, s, NOTHING, at)
-    if not functions or not predicts_better(p, unknown, found.fit):
-        return found, held
     named = found.fit.hypothesis.named
+    # all that has a name is given up for much more alone
+    better = _far_better if named else predicts_better
+    if not functions or not better(p, unknown, found.fit):
+        return found, held
     if named:
-        # all that has a name is given up for much more alone, and such functions may act beside it as well
+        # and such functions may act beside it as well
         more = [x for x in describe(p, found.left, 1.0)["at"] if x not in at]
-        if not _far_better(p, unknown, found.fit):
-            return found, held
         _, both = functions_of_motion(p, s, found.fit, [*at, *more])
         if not _far_better(p, unknown, both):
             return found, held

@@ -138,15 +138,16 @@ def judge(
         plain: the nominal model. s: the search that decided. held: errors on test recordings. drives: None where no
             force was measured.
     """
-    shown, ratio = (p, found.fit), found.noise.ratio
+    shown = p, found.fit
     corrected = bool(found.fit.hypothesis.terms)
     if drives is not None and drives.fits:
         if not corrected:
             shown = by_command(p, plain, drives)
             held = fit_report(*shown, "test")
         corrected = True
-    # windows start from rows that are not compared: start and measurement are as independent as a floor takes them
-    train = fit_report(*shown, "train").above(ratio)
+    # windows of test recordings start from rows that are not compared: start and measurement are as independent there
+    # as a floor takes them
+    train = fit_report(*shown, "train").above(found.noise.ratio)
     longer = p.all_to_train().windows("train", p.config.report_s, WINDOWS["choice"], seed=1)
     amounts, stepped = numerics_seen(p, found.fit, longer)
     train, held = (

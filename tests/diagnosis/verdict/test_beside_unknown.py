@@ -51,7 +51,7 @@ def asked(rubbing, monkeypatch):
             module, "functions_of_motion", lambda _p, _s, f, _at: (functions, with_rubbing(f))
         )
         monkeypatch.setattr(module, "predicts_better", lambda *_: bool(better))
-        monkeypatch.setattr(module, "_far_better", lambda *_: next(answers))
+        monkeypatch.setattr(module, "_far_better", lambda *_: next(answers, False))
         monkeypatch.setattr(module, "decide", decide)
         monkeypatch.setattr(module, "tested", lambda _p, _s, decision: (decision, None))
         before = Decision(fit, {}, noise, left, s)
