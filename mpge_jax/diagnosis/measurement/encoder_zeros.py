@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -19,102 +18,92 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.whitening import Whitener, whitener
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.machine.model import scalar_joints
+from mpge_jax.diagnosis.measurement.between_recordings import between_recordings
 from mpge_jax.diagnosis.selection.all_joints import IN_EVERY_JOINT
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows, cut
 
 Array = np.ndarray
-WINDOWS, FEWEST = 200, 6
-"""Windows at most, and of each recording at least."""
-RECORDINGS = 3
-"""Recordings that it takes to compare them."""
+WINDOWS, FEWEST = 200, 2
+"""Windows at most, and of each part of a recording at least."""
+RECORDINGS, PARTS = 3, 3
+"""Recordings that it takes to compare them, and parts of equal length of each, which tell zeros by themselves."""
 ROUNDS, ITERATIONS, STEPS = 3, 4, 2
 """How often parameters and zeros are fitted in turn, and steps of each."""
 STEP, WIDTH = 5e-3, 1.0
 """Differences (rad or m) of the slopes, and deviation of the weak prior of a zero."""
-DIFFERS, TOLD = 6.0, 3.0
-"""Deviations by which a zero must differ somewhere, and from which on it then counts."""
-AROUND = 3.0
-"""Typical distances from their median within which the training recordings' zeros lie around the model's."""
-HALF = 0.5
-"""Share of such a recording's usual chi^2 that its own zeros may leave at most, and of all recordings' together theirs:
-else zeros only take a part of something else."""
-LARGEST = 0.25
-"""Zeros (rad; of slides, in lengths of the machine) above which something else is taken for them."""
 NEAR = 0.01
 """Share of a joint's travel within which it is at the end of it."""
-FIRST = 1 / 3
-"""Part of a test recording that tells its zeros."""
 SLIGHT, SHOWN = 0.1, 8
 """Share of a recording's largest zero below which one is not worth a word, and recordings that a warning lists."""
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Windows of R logs with enough of them.
+    """Windows of P parts of R logs.
 
     Attributes:
-        windows: of all of them. of: [W] to which of the R each belongs. train: [R] whether parameters are fitted to
-            some of it. names: of the R. joints: J of them. columns: [J] of qpos, theirs.
+        windows: of all of them. of: [W] to which of the P each belongs. log: [P] to which of the R each belongs.
+        looked: [R] whether it is no test recording. train: [P] whether parameters are fitted to some of its log.
+        names: of the R. joints: J of them. columns: [J] of qpos, theirs.
     """
 
     windows: Windows
     of: Array
+    log: Array
+    looked: Array
     train: Array
     names: tuple[str, ...]
     joints: list[Place]
     columns: list[int]
 
     def less(self, zeros: Array) -> Windows:
-        """The windows with zeros [R, J] taken off."""
+        """The windows with zeros [P, J] taken off."""
         w, off = self.windows, np.zeros((len(self.windows.sources), self.windows.qpos.shape[2]))
         off[w.source[:, None], self.columns] = zeros[self.of]
         sources = tuple(_less(s, z) for s, z in zip(w.sources, off, strict=True))
         return replace(w, sources=sources, q0=w.q0 - off[w.source], qpos=w.qpos - off[w.source, None])
 
-    def usual(self, excess: Array) -> Array:
-        """Median [R] of what windows [W] show, by recording."""
-        return np.array([np.median(excess[self.of == r]) for r in range(self.train.size)])
+    def fitted_to(self, zeros: Array) -> Windows:
+        """Of the windows with zeros [P, J] taken off, those that parameters are fitted to."""
+        return self.less(zeros).take(self.train[self.log][self.of])
 
 
 def other_zeros(p: Prepared, f: Fitted) -> dict[str, Array]:
     """By how much the encoders of a recording read more [nq] (rad or m) than they should, where recordings differ.
 
-    The zeros of each recording are fitted to its own windows, and where that helps one of them, in turn with the
-    parameters of `f`, and of friction, damping and rotor inertia in every joint, which are fitted to the training
-    recordings. Nothing is said of machines whose parts strike each other: impacts tell zeros badly.
+    The parts of each recording tell its zeros each by itself, in turn with the parameters of `f`, and of friction,
+    damping and rotor inertia in every joint, which are fitted to the training recordings. A zero is the same in all
+    parts of a recording: what the model misses otherwise shifts one part here and the next one there. Nothing is said
+    of machines whose parts strike each other: impacts tell zeros badly.
     """
     group = None if p.sim.rugged(f.hypothesis) else _group(p)
     if group is None:
         return {}
-    common, zeros = np.zeros(len(group.columns)), np.zeros((group.train.size, len(group.columns)))
+    own, common = np.zeros((len(group.names), len(group.columns))), np.zeros(len(group.columns))
     for k in range(1 + ROUNDS):
         if k:
-            train = group.less(zeros - common).take(group.train[group.of])
+            train = group.fitted_to(own[group.log])
             f = fit(p.sim, [_with_plain(p, f)], train, _white(p, f, train), iterations=ITERATIONS)[0]
+        zeros = (own + common)[group.log]
         white = _white(p, f, group.less(zeros))
         for _ in range(STEPS):
             zeros, deviation = _step(p, f, group, white, zeros)
-        common = _common(zeros[group.train])
-        own, shared = (
-            group.usual(white.excess(_flat(p, f, white, group.less(z))))
-            for z in (zeros, 0.0 * zeros + common)
-        )
-        if not (own < HALF * shared).any():
+        joints = [
+            between_recordings(z, d, group.log, group.looked)
+            for z, d in zip(zeros.T, deviation.T, strict=True)
+        ]
+        differ = np.array([beyond_doubt(x.ratio, len(joints)) for x in joints])
+        if not differ.any():
             return {}
-    apart = np.abs(zeros - common) / deviation
-    if not ((apart.max(1) > DIFFERS) & (own < HALF * shared)).any() or own.sum() > HALF * shared.sum():
-        return {}
-    those = np.flatnonzero(apart.max(1) > TOLD)
-    hinges = np.array([p.model.jnt_type[j.index] == mujoco.mjtJoint.mjJNT_HINGE for j in group.joints])
-    if (np.abs(zeros - common)[those] > LARGEST * np.where(hinges, 1.0, p.ctx.length)).any():
-        return {}
-    out = {}
-    for r in those:
-        out[group.names[r]] = np.zeros(p.model.nq)
-        out[group.names[r]][group.columns] = zeros[r] - common
+        own = np.where(differ, np.array([x.own for x in joints]).T, 0.0)
+        common = np.array([x.common for x in joints])
+    out = {name: np.zeros(p.model.nq) for name in group.names}
+    for name, its in zip(group.names, own, strict=True):
+        out[name][group.columns] = its
     return out
 
 
@@ -128,7 +117,7 @@ def with_zeros(p: Prepared, zeros: dict[str, Array]) -> Prepared:
         less = _less(s, zeros[s.recording.log])
         if s.recording.log in told:
             return less
-        before = max(s.spent, FIRST * s.recording.duration)
+        before = max(s.spent, s.recording.duration / PARTS)
         return replace(less, recording=replace(less.recording, before=before))
 
     return p.mapped(again)
@@ -175,27 +164,48 @@ def _group(p: Prepared) -> _Group | None:
     sources, joints = p.sources, _joints(p)
     rng = np.random.default_rng([p.config.seed, 29])
     w = cut(sources, p.model, p.noise, p.config.decide_s, WINDOWS, p.dt, rng)
-    w = w.take(~_at_stops(p, w) & _may_tell(p, w))
-    logs = np.array([s.recording.log for s in sources])[w.source] if w.count else np.zeros(0, str)
-    names = [n for n in dict.fromkeys(logs) if (logs == n).sum() >= FEWEST]
-    train = np.isin(names, [s.recording.log for s in p.train])
-    if len(names) < RECORDINGS or not train.any() or not joints:
+    log, part = _log_and_part(p, w)
+    keep = (part >= 0) & ~_at_stops(p, w)
+    told, of, count = np.unique(
+        np.stack([log, part], 1)[keep], axis=0, return_inverse=True, return_counts=True
+    )
+    enough = count >= FEWEST
+    names = [s.recording.log for s in sources]
+    those = np.unique(told[enough, 0])
+    train = np.isin([names[r] for r in those], [s.recording.log for s in p.train])
+    if train.sum() < RECORDINGS or not joints:
         return None
-    w, logs = w.take(np.isin(logs, names)), logs[np.isin(logs, names)]
-    of = np.array([names.index(n) for n in logs])
-    return _Group(w, of, train, tuple(map(str, names)), joints, [p.ctx.qadr(j) for j in joints])
+    return _Group(
+        w.take(np.flatnonzero(keep)[enough[of]]),
+        (np.cumsum(enough) - 1)[of][enough[of]],
+        np.searchsorted(those, told[enough, 0]),
+        looked=those < len(p.looked_at),
+        train=train,
+        names=tuple(names[r] for r in those),
+        joints=joints,
+        columns=[p.ctx.qadr(j) for j in joints],
+    )
 
 
-def _may_tell(p: Prepared, w: Windows) -> Array:
-    """Windows [W] that may be looked at for zeros: of test recordings those at the beginning, where no other stretch of
-    the log tells them."""
-    told = {s.recording.log for s in p.looked_at}
-    until = [
-        -np.inf if s.recording.log in told else s.recording.time[0] + FIRST * s.recording.duration
-        for s in w.sources
-    ]
-    early = w.start + w.times.max(1, initial=0.0) <= np.array(until)[w.source]
-    return (w.source < len(p.looked_at)) | early
+def _log_and_part(p: Prepared, w: Windows) -> tuple[Array, Array]:
+    """The log [W] of every window, as the index of the first source that is a stretch of it, and the part [W] of it in
+    which the window ends; -1 where it may not be looked at: a test recording but for its first part, and all of one of
+    whose log there are other stretches."""
+    looked, out = len(p.looked_at), np.full((2, w.count), -1)
+    logs = [s.recording.log for s in w.sources]
+    for first in (k for k, log in enumerate(logs) if logs.index(log) == k):
+        stretches = [
+            k for k, log in enumerate(logs) if log == logs[first] and (k < looked or first >= looked)
+        ]
+        times = [w.sources[k].recording.time for k in stretches]
+        begin, end = min(t[0] for t in times), max(t[-1] for t in times)
+        those = np.isin(w.source, stretches)
+        part = (PARTS * (w.start + w.times.max(1, initial=0.0) - begin) / (end - begin)).astype(int)
+        part = np.minimum(part, PARTS - 1)
+        if first >= looked:
+            part = np.where(part == 0, part, -1)
+        out[0, those], out[1, those] = first, part[those]
+    return out[0], out[1]
 
 
 def _at_stops(p: Prepared, w: Windows) -> Array:
@@ -213,13 +223,6 @@ def _less(s: Source, zero: Array) -> Source:
     return s.rebuilt(recording=recording, states=replace(s.states, qpos=s.states.qpos - zero))
 
 
-def _common(zeros: Array) -> Array:
-    """The zeros [J] of the usual training recording, from theirs [R, J]: the model's, where they lie around those."""
-    middle = np.median(zeros, axis=0)
-    around = AROUND * np.median(np.abs(zeros - middle), axis=0)
-    return np.where(np.abs(middle) > around, middle, 0.0)
-
-
 def _white(p: Prepared, f: Fitted, w: Windows) -> Whitener:
     return whitener(p.sim, f.hypothesis, f.theta, w, p.noise)
 
@@ -230,7 +233,7 @@ def _flat(p: Prepared, f: Fitted, white: Whitener, w: Windows) -> Array:
 
 
 def _step(p: Prepared, f: Fitted, group: _Group, white: Whitener, zeros: Array) -> tuple[Array, Array]:
-    """A robust Gauss-Newton step of all recordings' zeros [R, J], and their deviations [R, J] that allow for misfit."""
+    """A robust Gauss-Newton step of all parts' zeros [P, J], and their deviations [P, J] that allow for misfit."""
     now = _flat(p, f, white, group.less(zeros))
     steps = STEP * np.eye(zeros.shape[1])
     slopes = np.stack([(_flat(p, f, white, group.less(zeros + h)) - now) / STEP for h in steps], -1)
