@@ -28,6 +28,11 @@ class Term:
         """The identifier of the vocabulary, without the form."""
         return self.id.partition(":")[0]
 
+    @property
+    def turn(self) -> tuple[int, str, str, int]:
+        """Terms act in the order of this: a factor of a given mass comes before a payload that is added to it."""
+        return self.effect.order, self.id, self.place.kind, self.place.index
+
     def params(self, ctx: Context) -> tuple[Param, ...]:
         return self.effect.params(ctx, self.place)
 
@@ -43,9 +48,7 @@ class Hypothesis:
 
     @staticmethod
     def of(*terms: Term) -> Hypothesis:
-        return Hypothesis(
-            tuple(sorted(terms, key=lambda t: (t.effect.order, t.id, t.place.kind, t.place.index)))
-        )
+        return Hypothesis(tuple(sorted(terms, key=lambda t: t.turn)))
 
     @property
     def rugged(self) -> bool:

@@ -191,7 +191,7 @@ class Simulator:
                 lists[0].append(rows)
                 lists[1].append(np.tile(theta, (rows.size, 1)))
         groups = [Group(t, np.concatenate(r), np.concatenate(p)) for t, (r, p) in table.items()]
-        return sorted(groups, key=lambda g: g.term.effect.order)
+        return sorted(groups, key=lambda g: g.term.turn)
 
     def _apply_models(self, batch: Batch, groups: list[Group]) -> None:
         derived = []

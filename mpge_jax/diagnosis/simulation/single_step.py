@@ -49,16 +49,18 @@ class Machine:
 
     @staticmethod
     def build(ctx: Context, terms: tuple[Term, ...], thetas: tuple[np.ndarray, ...]) -> Machine:
-        """Apply native effects to a copy of the context's model."""
+        """Apply native effects to a copy of the context's model, every term at its turn."""
         import copy
 
+        pairs = sorted(zip(terms, thetas, strict=True), key=lambda pair: pair[0].turn)
+        terms, thetas = tuple(t for t, _ in pairs), tuple(theta for _, theta in pairs)
         model = copy.copy(ctx.model)
         fields = ModelFields(model)
         for term, theta in zip(terms, thetas, strict=True):
             term.effect.model(fields, ctx, term.place, np.asarray(theta, dtype=float))
         if any(t.effect.set_const for t in terms):
             mujoco.mj_setConst(model, mujoco.MjData(model))
-        return Machine(model, replace(ctx), tuple(terms), tuple(np.asarray(t, dtype=float) for t in thetas))
+        return Machine(model, replace(ctx), terms, tuple(np.asarray(t, dtype=float) for t in thetas))
 
     @property
     def runtime(self) -> list[tuple[Term, np.ndarray]]:
@@ -205,4 +207,6 @@ def force_step(xp: Any, m: Machine, s: Step, memory: tuple[Any, ...]) -> tuple[A
                 ctrl[a] = ctrl[a] + forces.actuator / float(model.actuator_gainprm[a, 0])
     linear = xp.stack(body)
     xfrc = xp.concatenate([linear, xp.zeros_like(linear)], -1)
-    return Applied(xp.stack(qfrc), xfrc, xp.stack(dry), xp.stack(ctrl) if ctrl else s.u), tuple(kept)
+    return Applied(
+        xp.stack(qfrc), xfrc, xp.maximum(xp.stack(dry), 0.0), xp.stack(ctrl) if ctrl else s.u
+    ), tuple(kept)
