@@ -12,8 +12,9 @@ import numpy as np
 from experiments.demo.figure import returns_figure
 from experiments.demo.simulated import Simulated
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
+from mpge_jax.diagnosis.report.error_words import times
 from mpge_jax.diagnosis.report.html_sections import image, table
-from mpge_jax.diagnosis.report.sentences import effect_rows, times
+from mpge_jax.diagnosis.report.sentences import effect_rows
 from mpge_jax.diagnosis.report.style import STYLE
 
 EFFECTS = 8

@@ -11,7 +11,8 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
-from mpge_jax.diagnosis.effects.step import Array, Forces, Step
+from mpge_jax.diagnosis.effects.friction.dry import FIELDS, stiff_dry_friction
+from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 
 RESIDUAL = "residual"
@@ -31,7 +32,7 @@ FADES = 0.5
 NAMED = r"[^\[\],@]+"
 """Names of other joints that an identifier can hold."""
 _AXIS = rf"([qvf]@{NAMED}|[qvfl])\[([^\[\],]+),([^\[\],]+)\]"
-_ID = re.compile(rf"residual:((?:{_AXIS}){{1,2}})below (?P<below>\S+)")
+_ID = re.compile(rf"residual:(?P<dry>dry:)?(?P<axes>(?:{_AXIS}){{1,2}})below (?P<below>\S+)")
 
 
 def key_of(which: str, joint: str = "") -> str:
@@ -116,23 +117,33 @@ class Residual(Effect):
     """A force on a joint, as a function of one or two inputs: cubic splines with a value for every knot.
 
     It is bounded, as beyond the range of an input the function stays what it is at the end; and it cannot drive a joint
-    away, as beyond the greatest speed that was seen, force in the direction of the motion fades to nothing.
+    away, as beyond the greatest speed that was seen, force in the direction of the motion fades to nothing. Or it is
+    the level of dry friction, on top of any that is named: what rubs holds a joint still, which no smooth function of
+    the speed does.
 
     Args:
-        axes: the inputs. below: greatest speed seen (rad/s or m/s).
+        axes: the inputs. below: greatest speed seen (rad/s or m/s). dry: whether it is a level of dry friction.
     """
 
     kinds, tier, runtime, simulated = ("joint",), 3, True, False
-    says = "A force at the {at} that no known effect explains is modelled as a function."
 
-    def __init__(self, axes: tuple[Axis, ...], below: float) -> None:
+    def __init__(self, axes: tuple[Axis, ...], below: float, dry: bool = False) -> None:
         if not 1 <= len(axes) <= 2 or not below > 0:
             raise ValueError("a residual has one or two inputs, and a greatest speed above 0.")
-        self.axes, self.below = axes, below
-        self.id = f"{RESIDUAL}:{''.join(map(str, axes))}below {below:.6g}"
+        self.axes, self.below, self.dry = axes, below, dry
+        self.fields = FIELDS if dry else ()
+        self.says = (
+            f"What no known effect explains at the {{at}} is modelled as {self.what} that is a function."
+        )
+        self.id = f"{RESIDUAL}:{'dry:' if dry else ''}{''.join(map(str, axes))}below {below:.6g}"
         self.count = KNOTS[len(axes)]
         self.external = any(a.input == LOAD for a in axes)
-        self.equation = f"function of {', '.join(a.says for a in axes)}"
+        self.equation = f"{self.what} as a function of {', '.join(a.says for a in axes)}"
+
+    @property
+    def what(self) -> str:
+        """'a force' or 'dry friction'."""
+        return "dry friction" if self.dry else "a force"
 
     @property
     def coupled(self) -> bool:
@@ -143,6 +154,10 @@ class Residual(Effect):
         torque, unit = float(ctx.torque[ctx.dof(place)]), joint_unit(ctx, place, "N m", "N")
         many = self.count ** len(self.axes)
         return tuple(Param(f"value_{k}", unit, -50 * torque, 50 * torque, 0.1 * torque) for k in range(many))
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        if self.dry:
+            stiff_dry_friction(f, ctx, ctx.dof(place), theta[..., 0])
 
     def places(self, ctx: Context) -> list[Place]:
         # never searched for: what is left tells where it acts
@@ -160,6 +175,11 @@ class Residual(Effect):
         ]
         return along[0] if len(along) == 1 else [one * other for one in along[0] for other in along[1]]
 
+    def against(self, values: dict[str, Array]) -> Array:
+        """What its value is multiplied with to be the force [...] on the joint, by the values [...] of inputs: 1, or of
+        dry friction the direction against the speed."""
+        return -np.sign(values[SPEED]) if self.dry else np.ones_like(values[SPEED])
+
     def value(self, xp: Any, theta: Array, values: list[Array]) -> Array:
         """The function [...] of inputs [...] within the speeds that were seen."""
         return sum(theta[..., k] * part for k, part in enumerate(self.basis(xp, values)))
@@ -168,6 +188,8 @@ class Residual(Effect):
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
         force, v = self.value(xp, theta, self.inputs(ctx, place, s)), s.v[..., ctx.dof(place)]
+        if self.dry:
+            return Forces(dry=force), memory
         fade = xp.clip(1.0 - (xp.abs(v) / self.below - 1.0) / FADES, 0.0, 1.0)
         return Forces(joint=xp.where(force * v > 0.0, fade * force, force)), memory
 
@@ -212,10 +234,10 @@ def residual_of(form: str) -> Residual:
     match = _ID.fullmatch(form)
     if match is None:
         raise KeyError(form)
-    axes = re.findall(_AXIS, match[1])
+    axes = re.findall(_AXIS, match["axes"])
     try:
         told = tuple(Axis.of_key(key, float(low), float(high)) for key, low, high in axes)
-        return Residual(told, float(match["below"]))
+        return Residual(told, float(match["below"]), match["dry"] is not None)
     except ValueError:
         raise KeyError(form) from None
 

@@ -149,7 +149,7 @@ def _runtime(machine: Machine, track: Track, rigid: Rigid, force: Array) -> tupl
         if out.body is not None:
             moved = np.broadcast_to(out.body, (len(track.time), 3))
             pushed += np.einsum("tc,tcv->tv", moved, rigid.jacobian[term.place.index])
-    return pushed, dry
+    return pushed, np.maximum(dry, 0.0)
 
 
 def _along(machine: Machine, term: Term, theta: Array, s: Step) -> Forces:

@@ -9,6 +9,7 @@ from typing import Any
 
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
+from mpge_jax.diagnosis.report.error_words import beside_noise, times, unit_of_joint
 from mpge_jax.diagnosis.report.html_sections import (
     close,
     given,
@@ -21,7 +22,7 @@ from mpge_jax.diagnosis.report.html_sections import (
     whole,
 )
 from mpge_jax.diagnosis.report.html_sections import table as table_of
-from mpge_jax.diagnosis.report.sentences import beside_noise, effect_rows, times, unit_of_joint
+from mpge_jax.diagnosis.report.sentences import effect_rows
 from mpge_jax.diagnosis.report.style import STYLE
 from mpge_jax.diagnosis.verdict.result import Result
 

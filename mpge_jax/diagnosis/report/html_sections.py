@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from mpge_jax.diagnosis.effects.residual import residual_of
 from mpge_jax.diagnosis.estimation.whitening import column_scale
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.report.sentences import error_unit, moves, of_inputs, unit_of_motion
+from mpge_jax.diagnosis.report.error_words import error_unit, moves, unit_of_motion
+from mpge_jax.diagnosis.report.sentences import of_inputs
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -111,7 +113,8 @@ def residual(d: Result, figures: dict[str, Path]) -> str:
     if d.residual is None:
         return ""
     items = [
-        f"<li>At the {escape(f.term.place.name)}, a function {escape(of_inputs(f))}.</li>"
+        f"<li>{residual_of(f.term.id).what.capitalize()} at the {escape(f.term.place.name)}, as a function "
+        f"{escape(of_inputs(f))}.</li>"
         for f in d.residual.functions
     ]
     unit = error_unit(d)

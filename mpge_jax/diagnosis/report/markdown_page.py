@@ -8,7 +8,8 @@ import numpy as np
 
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.report.sentences import effect_rows, no_physics
+from mpge_jax.diagnosis.report.error_words import no_physics
+from mpge_jax.diagnosis.report.sentences import effect_rows
 from mpge_jax.diagnosis.report.tables import diagnosis_table
 from mpge_jax.diagnosis.verdict.result import Result
 

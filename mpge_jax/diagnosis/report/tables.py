@@ -12,11 +12,13 @@ import numpy as np
 from mpge_jax.diagnosis import own_effects
 from mpge_jax.diagnosis.corrected.mjcf import NOMINAL, corrected_spec
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.residual import residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number, parameters
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.report.sentences import error_unit, explanation, separation
+from mpge_jax.diagnosis.report.error_words import error_unit
+from mpge_jax.diagnosis.report.sentences import explanation, separation
 from mpge_jax.diagnosis.residual.model import ResidualModel
 from mpge_jax.diagnosis.verdict.location import locate
 from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, candidates_of
@@ -92,6 +94,7 @@ def _residual(r: ResidualModel) -> dict[str, Any]:
     said = [f"{f.formula}, at the {f.term.place.name}" for f in r.functions if f.formula is not None]
     return {
         "at": [f.term.place.name for f in r.functions],
+        "what": [residual_of(f.term.id).what for f in r.functions],
         "inputs": named,
         "formula": "; ".join(said) if len(said) == len(r.functions) else None,
         "range": dict(zip(named, ranges, strict=True)),

@@ -17,14 +17,14 @@ HINTS = 4
 
 
 def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) -> list[Residual]:
-    """The functions of one input of the joint itself, and those of the others, of which there may be hundreds, that
+    """Forces of one input of the joint itself, and those of the other functions, of which there may be hundreds, that
     explain most of the force which pieces lack, told from other pieces.
 
     Args:
         tried: pieces of several lengths. The length counts at which most is explained: short pieces are blurred by
             noise, long ones by the motion.
     """
-    plain = [e for e in candidates if len(e.axes) == 1 and not e.coupled]
+    plain = [e for e in candidates if len(e.axes) == 1 and not (e.coupled or e.dry)]
     others = [e for e in candidates if e not in plain]
     best: tuple[float, list[Residual]] = (0.0, [])
     for these in tried if others else ():
@@ -38,7 +38,8 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
 
 def _explained(effect: Residual, place: Place, these: Pieces) -> float:
     """Share of the squared force, in units of its standard errors, that a function told from other pieces explains."""
-    columns = np.array(effect.basis(np, [these.values[a.key] for a in effect.axes])) / these.unsure
+    parts = np.array(effect.basis(np, [these.values[a.key] for a in effect.axes]))
+    columns = parts * effect.against(these.values) / these.unsure
     missing = these.force / these.unsure
     weight = 1.0 / (1.0 + missing**2 / np.median(missing**2))
     blocks = Blocks.of(columns[..., None], -missing[:, None], weight)

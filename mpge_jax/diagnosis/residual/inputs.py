@@ -89,7 +89,8 @@ def values_along(p: Prepared, place: Place, qpos: Array, qvel: Array) -> dict[st
 def functions(values: dict[str, Array]) -> list[Residual]:
     """Functions of one and of two of the inputs, over the ranges in which these lay.
 
-    Of two, both are of one joint, or one is of the joint on which the function acts.
+    Of two, both are of one joint, or one is of the joint on which the function acts. Dry friction depends on its own
+    joint alone.
     """
     axes = []
     for key, x in values.items():
@@ -99,4 +100,5 @@ def functions(values: dict[str, Array]) -> list[Residual]:
     below = float(f"{max(float(np.abs(values[SPEED]).max()), 1e-6):.6g}")
     axes.sort(key=lambda a: a.joint)
     several = [(a, b) for a, b in combinations(axes, 2) if a.joint in ("", b.joint)]
-    return [Residual(some, below) for some in [*((a,) for a in axes), *several]]
+    forces = [Residual(some, below) for some in [*((a,) for a in axes), *several]]
+    return forces + [Residual(e.axes, below, dry=True) for e in forces if not e.coupled]

@@ -48,7 +48,9 @@ class Pieces:
     values: dict[str, Array]
 
     def beside(self, function: Function) -> Points:
-        return Points(self.force, tuple(self.values[a.key] for a in function.axes))
+        """What is missing of the function's own kind: of dry friction, force against the motion."""
+        against = residual_of(function.term.id).against(self.values)
+        return Points(against * self.force, tuple(self.values[a.key] for a in function.axes))
 
 
 def missing_in_motion(p: Prepared, f: Fitted, function: Function) -> Points:

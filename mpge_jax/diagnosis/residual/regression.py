@@ -100,7 +100,8 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
     """The plainest of the functions that predict blocks, from the others, as well as the best one does; None where none
     is better than nothing beyond chance.
 
-    Plain is what has few inputs, the joint's own, and known ones rather than computed ones (the order of `INPUTS`).
+    Plain is what has few inputs, is a force, has the joint's own inputs, and known ones rather than computed ones (the
+    order of `INPUTS`).
 
     Args:
         candidates: function, index of the joint at which it acts, its problem. fold: [B] which blocks are predicted
@@ -124,8 +125,8 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
     return min(near, key=lambda c: _elaborate(c.effect))
 
 
-def _elaborate(effect: Residual) -> tuple[int, list[tuple[bool, int]]]:
-    return len(effect.axes), [(bool(a.joint), list(INPUTS).index(a.input)) for a in effect.axes]
+def _elaborate(effect: Residual) -> tuple[int, bool, list[tuple[bool, int]]]:
+    return len(effect.axes), effect.dry, [(bool(a.joint), list(INPUTS).index(a.input)) for a in effect.axes]
 
 
 def stretches(count: int) -> Array:

@@ -10,6 +10,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.missing_force import missing
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
+from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.evidence.held_out_error import (
     BY_CHANCE,
     WINDOWS,
@@ -125,19 +126,28 @@ def _helps(report: FitReport) -> bool:
 
 
 def _evidence(without: Errors, after: Errors, floors: Array) -> float:
-    """Logarithm of the likelihood ratio by which squared errors of windows fall with what the former lack. Where the
-    better ones show nothing but noise in any window, errors count in units of it, though few windows gain: a drive may
-    saturate now and then.
+    """Logarithm of the likelihood ratio by which windows are better predicted with what the former lack.
+
+    A window counts by the searches' own loss, in units of the usual error: one in which something else acts is missed
+    with and without, and has no more say than others, unless squared errors all together speak against these beyond
+    doubt. Where the better ones show nothing but noise in any window, errors count in units of it, though few windows
+    gain: a drive may saturate now and then.
 
     Args:
         floors: [W] errors that noise alone leaves.
     """
-    gain = without.window**2 - after.window**2
-    ratio = by_scatter(gain) if gain.size > 1 else float(np.sign(gain.sum()) * np.inf)
-    least = 0.5 * float((gain / np.maximum(floors**2, 1e-300)).sum())
+    unit = max(min(float(np.median(e.window)) for e in (without, after)), 1e-150)
+    losses, squares = (
+        f(without.window) - f(after.window) for f in (lambda e: robust_loss((e / unit) ** 2), np.square)
+    )
+    ratio, together = (
+        by_scatter(x) if x.size > 1 else float(np.sign(x.sum()) * np.inf) for x in (losses, squares)
+    )
+    least = 0.5 * float((squares / np.maximum(floors**2, 1e-300)).sum())
     better = after if least > 0.0 else without
-    quiet = bool((better.window <= MEANS_SOMETHING * floors).all())
-    return least if quiet and abs(least) > abs(ratio) else ratio
+    if bool((better.window <= MEANS_SOMETHING * floors).all()) and abs(least) > abs(ratio):
+        return least
+    return together if beyond_doubt(-np.sign(ratio) * together) else ratio
 
 
 def _refitted(s: Search, f: Fitted) -> Fitted:

@@ -243,6 +243,8 @@ class Runtime:
                 else:
                     gain = np.broadcast_to(self.gain[..., a, 0], (self.batch_size,))[rows]
                     self.batch.bind("ctrl")[rows, a] += forces.actuator / gain
+        if self.dry_base is not None:
+            np.maximum(self.dry, 0.0, out=self.dry)
 
 
 def _either(choice: Array, a: Any, b: Any) -> Any:

@@ -22,6 +22,7 @@ from tests.diagnosis.searches import HINGE
 CTX = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
 COUPLED = Residual((Axis("q", -1.0, 1.0, "elbow"), Axis("v", -3.0, 3.0)), 3.0)
 OF_BOTH = Residual((Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)), 3.0)
+ROUGH = Residual((Axis("q", -1.0, 1.0),), 3.0, dry=True)
 
 
 def step(q: float, v: float, f: float = 0.0) -> Step:
@@ -67,9 +68,11 @@ def test_an_identifier_says_it_all():
         Residual((Axis("f", -0.25, 1.5),), 0.5),
         Residual((Axis("l", -1e-3, 1e3),), 12.0),
         COUPLED,
+        ROUGH,
     ):
         again = REGISTRY[effect.id]
         assert again.id == effect.id and again.axes == effect.axes and again.below == effect.below
+        assert again.dry == effect.dry
     assert OF_BOTH.id not in list(REGISTRY) and OF_BOTH.id.partition(":")[0] == "residual"
     for wrong in ("residual:q[1,0]below 3", "residual:x[0,1]below 3", "residual:q[0,1]", "residual", "other"):
         with pytest.raises(KeyError):
@@ -127,11 +130,11 @@ def test_its_force_is_the_same_in_numpy_and_in_jax():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("xml", "effect", "at", "size"),
-    [(PENDULUM, OF_BOTH, "hinge", 0.2), (ARM, CROSSTALK, "elbow", 2.0)],
-    ids=["own", "coupled"],
+    [(PENDULUM, OF_BOTH, "hinge", 0.2), (ARM, CROSSTALK, "elbow", 2.0), (PENDULUM, ROUGH, "hinge", 0.1)],
+    ids=["own", "coupled", "dry"],
 )
 def test_it_moves_the_machine_alike_in_c_and_in_jax(xml, effect, at, size):
-    values = list(size * np.random.default_rng(0).normal(size=effect.count**2))
+    values = list(size * np.random.default_rng(0).normal(size=effect.count ** len(effect.axes)))
     corrected = CorrectedModel.build(mujoco.MjSpec.from_string(xml), table(values, effect, at))
     c, plain = corrected.c_stepper(), CorrectedModel.build(mujoco.MjSpec.from_string(xml), []).c_stepper()
     engine = corrected.jax_engine("mjx")
@@ -143,6 +146,26 @@ def test_it_moves_the_machine_alike_in_c_and_in_jax(xml, effect, at, size):
     data = engine.step(data, jnp.array(0.1 * some), 40)
     assert abs(c.data.qpos[-1] - plain.data.qpos[-1]) > 1e-3
     np.testing.assert_allclose(data.qpos, c.data.qpos, atol=2e-5)
+
+
+def test_dry_friction_is_a_level_beside_any_that_is_named_and_never_drives():
+    """Half a Coulomb friction of 0.2 N m where a function takes 0.1 off, and none where it takes more off."""
+    friction = {"id": "coulomb_friction", "form": "coulomb_friction", "at": "hinge", "kind": "joint"}
+    friction["parameters"] = {"torque": 0.2}
+    levels = []
+    for less in (0.0, -0.1, -0.5):
+        rows = [friction, *table([less] * ROUGH.count, ROUGH)]
+        stepper = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), rows).c_stepper()
+        stepper.reset(np.array([0.2]), np.array([1.0]))
+        stepper.step(np.zeros(1), 1)
+        levels.append(float(stepper.model.dof_frictionloss[0]))
+    assert levels == pytest.approx([0.2, 0.1, 0.0])
+
+
+def test_what_dry_friction_does_is_against_the_motion():
+    values = {"q": np.zeros(3), "v": np.array([2.0, -1.0, 0.0])}
+    np.testing.assert_array_equal(ROUGH.against(values), [-1.0, 1.0, 0.0])
+    np.testing.assert_array_equal(OF_BOTH.against(values), np.ones(3))
 
 
 def test_values_are_as_many_as_its_splines():

@@ -23,7 +23,7 @@ from mpge_jax.diagnosis.report.figures.motion_figures import span
 from mpge_jax.diagnosis.report.html_page import _drives
 from mpge_jax.diagnosis.report.html_sections import changes, pasted
 from mpge_jax.diagnosis.report.markdown_page import window_errors
-from mpge_jax.diagnosis.report.sentences import beside_noise, explanation, moves, times, worse_without
+from mpge_jax.diagnosis.report.sentences import explanation
 from mpge_jax.diagnosis.report.tables import effects_table
 from mpge_jax.diagnosis.selection.alternatives import _one_each
 from tests.diagnosis.machines import PENDULUM
@@ -119,27 +119,6 @@ def test_limits_of_what_is_fitted_are_none_of_what_is_reported(effect, theta):
         assert entry["low"] <= entry["value"] <= entry["high"]
 
 
-def test_errors_beside_noise_in_words():
-    assert times(12.0, 1.0) == "12 times" and times(1.0, 1e-9) == "more than 1000 times"
-    assert times(1.0, 12.0) == "12 times"
-    assert beside_noise(2.0, 1.0, "rad") == "noise and timestep alone give 1 rad"
-    assert beside_noise(2.0, 1.0, "N m", moves=False) == "noise alone gives 1 N m"
-    assert "no more than measurement noise" in beside_noise(1.0, 1.0, "rad")
-    assert beside_noise(1.0, 3.0, "rad").endswith("its estimate is too high: it would give 3 rad")
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "said"),
-    [
-        (12.0, 1.0, "falls from 12 to 1 rad, 12 times smaller"),
-        (0.884, 1.0, "rises from 0.884 to 1 rad, 1.13 times larger"),
-        (1.0, 1.0001, "stays at 1 rad"),
-    ],
-)
-def test_an_error_falls_only_where_it_is_smaller(before, after, said):
-    assert moves(before, after, "rad") == said
-
-
 def test_errors_of_drives_are_in_the_report_with_escaped_names():
     d = SimpleNamespace(actuators=SimpleNamespace(errors={"<b>": (0.25, 0.0125)}))
     text = _drives(d)
@@ -156,7 +135,7 @@ def test_candidates_are_told_in_one_sentence():
     ]
     payload = Term("payload_mass", Place("body", "arm", 1))
     rival = Rival(bias, fits[1], 0.0, "", True)
-    errors = SimpleNamespace(rms=0.1)
+    errors = SimpleNamespace(rms=0.1, window=np.full(3, 0.1))
     d = SimpleNamespace(
         terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None,
         remainder=0.0, residual=None, given_inertias=None, error_drop={friction: 0.9, payload: 0.5},
@@ -164,7 +143,8 @@ def test_candidates_are_told_in_one_sentence():
             model=ctx.model, measured=np.zeros(1, bool), train=()
         ),
         held=SimpleNamespace(
-            before=errors, after=errors, floor=0.1, windows=SimpleNamespace(times=np.array([0.5]))
+            before=errors, after=errors, floor=0.1, floors=np.full(3, 0.1),
+            windows=SimpleNamespace(times=np.array([0.5])),
         ),
     )  # fmt: skip
     first = explanation(d).partition(". ")[0]
@@ -188,7 +168,7 @@ def test_candidates_are_told_in_one_sentence():
     # how far a remainder is beyond noise is said where it is far
     d.remainder = 0.017
     assert "1.7 % of the squared error is more than noise; it is too slight" in explanation(d)
-    d.held.after, d.held.floor = SimpleNamespace(rms=0.2), 0.01
+    d.held.after, d.held.floor = SimpleNamespace(rms=0.2, window=np.full(3, 0.2)), 0.01
     assert "more than noise (the error is 20 times what noise alone leaves); it is too" in explanation(d)
     # a share of the error is said where something is explained
     d.remainder, d.unexplained = 0.0, {"at": ["hinge"], "when": "always", "share": 0.3, "of": "motion"}
@@ -211,11 +191,6 @@ def test_components_of_a_vector_have_hardly_more_decimals_than_the_largest():
     assert quantity(entry) == "(-0.000083, -0.000022, 0.06130) m"
     wide = {k: [v + s for v in entry["value"]] for k, s in (("low", -1e-3), ("high", 1e-3))}
     assert quantity({**entry, **wide}) == "(-0.0001, 0, 0.061) m"
-
-
-def test_the_worth_of_an_effect_is_the_error_without_it():
-    assert worse_without(0.75) == "2 times" and worse_without(1.0) == "more than 1000 times"
-    assert worse_without(-0.1) == "smaller" and worse_without(0.001) == "hardly larger"
 
 
 def test_changed_lines_of_a_model_are_shown():

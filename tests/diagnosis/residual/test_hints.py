@@ -26,7 +26,7 @@ def pieces(force: np.ndarray, noise: float = 0.02) -> Pieces:
 
 
 def inputs(effect: Residual) -> str:
-    return " ".join(a.key for a in effect.axes)
+    return ("dry " if effect.dry else "") + " ".join(a.key for a in effect.axes)
 
 
 def test_functions_are_of_the_joint_of_another_one_or_of_both():
@@ -34,6 +34,9 @@ def test_functions_are_of_the_joint_of_another_one_or_of_both():
     assert said[: len(KEYS)] == ["q", "v", "l", "f", *KEYS[4:]] and len(set(said)) == len(said)
     assert {"q v", "v q@elbow", "q@elbow v@elbow", "l v@wrist"} < set(said)
     assert not any("elbow" in x and "wrist" in x for x in said)
+    # dry friction depends on its own joint alone
+    own = {x for x in said if not ("elbow" in x or "wrist" in x or "dry" in x)}
+    assert {x for x in said if "dry" in x} == {f"dry {x}" for x in own}
 
 
 @pytest.mark.parametrize(
@@ -42,6 +45,7 @@ def test_functions_are_of_the_joint_of_another_one_or_of_both():
         (0.6 * VALUES["q@elbow"] * VALUES["v@elbow"], "q@elbow v@elbow"),
         (0.3 * VALUES["v"] * VALUES["q"] ** 2, "q v"),
         (0.1 * VALUES["f@elbow"], "f@elbow"),
+        (-0.2 * np.sign(VALUES["v"]) * np.exp(-((VALUES["q"] / 0.3) ** 2)), "dry q"),
     ],
 )
 def test_what_explains_most_is_hinted_at(force, want):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.effects.residual import Axis, Residual, residual_of
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.evidence.held_out_error import fit_report
@@ -36,6 +36,21 @@ def test_a_law_of_angle_and_speed_is_learned(grinding):
     assert found is not None and found.before == held.after.rms and found.after < 0.2 * found.before
     (function,) = found.functions
     assert "v" in [a.input for a in function.axes] and function.term.place == HINGE
+
+
+@pytest.mark.slow
+def test_dry_friction_that_depends_on_the_angle_is_learned():
+    def force(model, data):
+        model.dof_frictionloss[0] = 0.1 * (1.0 + np.tanh(4.0 * data.qpos[0]))
+        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+    s, p = search_of(PENDULUM, record(PENDULUM, 0.35, force=force, count=4, seconds=2.5))
+    held = fit_report(p, NOTHING, "test")
+    found = residual_of_motion(p, s, NOTHING, ["hinge"], (p, NOTHING), held)
+    assert found is not None and found.after < 0.4 * found.before
+    (function,) = found.functions
+    # a pendulum's angle and the force of gravity on it say the same
+    assert residual_of(function.term.id).dry and {"q", "l"} & {a.input for a in function.axes}
 
 
 def test_where_nothing_is_left_there_is_no_function(rubbing):

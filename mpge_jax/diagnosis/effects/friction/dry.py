@@ -16,6 +16,10 @@ SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)
 """Impedance of dry friction: 1 % of the mobility is left as regularisation."""
 
 
+FIELDS = ("dof_frictionloss", "dof_solref", "dof_solimp")
+"""Fields of the model that dry friction changes."""
+
+
 def stiff_dry_friction(f: Fields, ctx: Context, dof: int, like: Array) -> None:
     """Let dry friction stop a joint within a timestep (MuJoCo's default takes about ten and creeps)."""
     xp, one = f.xp, like * 0 + 1.0
@@ -26,7 +30,7 @@ def stiff_dry_friction(f: Fields, ctx: Context, dof: int, like: Array) -> None:
 
 class _Dry(Effect):
     kinds = ("joint",)
-    fields = ("dof_frictionloss", "dof_solref", "dof_solimp")
+    fields = FIELDS
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         stiff_dry_friction(f, ctx, ctx.dof(place), theta[..., 0])

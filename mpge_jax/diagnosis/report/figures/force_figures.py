@@ -10,9 +10,9 @@ from matplotlib.ticker import MaxNLocator
 
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
+from mpge_jax.diagnosis.report.error_words import unit_of_joint
 from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, NOMINAL
-from mpge_jax.diagnosis.report.sentences import unit_of_joint
 from mpge_jax.diagnosis.residual.model import with_residual
 from mpge_jax.diagnosis.verdict.result import Result
 

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.machine.joint_space import difference
 from mpge_jax.diagnosis.machine.model import is_scalar
+from mpge_jax.diagnosis.report.error_words import error_unit, unit_of_joint
 from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, NOMINAL
-from mpge_jax.diagnosis.report.sentences import error_unit, unit_of_joint
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray

@@ -88,7 +88,8 @@ def _map(ctx: Context, function: Function, points: Points, row: SubFigure) -> No
 
 def _force(ctx: Context, function: Function) -> str:
     unit = joint_unit(ctx, function.term.place, "N m", "N")
-    return f"{drawing.short(function.term.place.name, 18)} ({unit})"
+    what = "friction of " if residual_of(function.term.id).dry else ""
+    return f"{what}{drawing.short(function.term.place.name, 18)} ({unit})"
 
 
 def _named(ctx: Context, function: Function, axis: Axis) -> str:

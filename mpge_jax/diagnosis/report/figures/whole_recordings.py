@@ -14,9 +14,9 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.recordings.recording import Recording, longest_step
+from mpge_jax.diagnosis.report.error_words import unit_of_joint
 from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.motion_figures import axis_of, measured_motion, span, worst_dofs
-from mpge_jax.diagnosis.report.sentences import unit_of_joint
 from mpge_jax.diagnosis.residual.model import with_residual
 from mpge_jax.diagnosis.simulation.actuator_state import settling
 from mpge_jax.diagnosis.simulation.drive_signal import Source
