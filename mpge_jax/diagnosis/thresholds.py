@@ -42,7 +42,7 @@ EXCHANGES = 2
 RICHER = 2
 """Elaborate laws in place of one plain one that are fitted to all windows."""
 ENOUGH_WINDOWS = 8
-"""Windows that it takes to look once more, in longer ones."""
+"""Windows that it takes to look once more, in longer ones, and to give up what has a name for what has none."""
 
 # more than noise
 DOUBT = 3.0

@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.selection.confirmation import predicts_better
 from mpge_jax.diagnosis.selection.procedure import Decision, decide, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
-from mpge_jax.diagnosis.thresholds import REMAINS
+from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, REMAINS
 from mpge_jax.diagnosis.verdict.remainder_description import describe
 
 LIKE = "it is only like what acts: without it, a force that nobody named predicts recordings far better"
@@ -62,7 +62,7 @@ def beside_unknown(
 
 
 def _far_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
-    """Whether recordings that only choose are predicted better beyond doubt, and by much."""
+    """Whether recordings that only choose are predicted better beyond doubt, and by much, where they are enough."""
     w = judged(p, "choice")
     less, more = (errors(p.sim, f, w, p.noise).rms for f in (new, old))
-    return less**2 < REMAINS * more**2 and predicts_better(p, new, old)
+    return w.count >= ENOUGH_WINDOWS and less**2 < REMAINS * more**2 and predicts_better(p, new, old)

@@ -12,13 +12,13 @@ from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.residual import Axis, Residual
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
-from mpge_jax.diagnosis.evidence.held_out_error import fit_report
+from mpge_jax.diagnosis.evidence.held_out_error import fit_report, judged
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.residual.model import Function, with_function
 from mpge_jax.diagnosis.selection.procedure import Decision, what_is_left
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.verdict import beside_unknown as module
-from mpge_jax.diagnosis.verdict.beside_unknown import beside_unknown
+from mpge_jax.diagnosis.verdict.beside_unknown import _far_better, beside_unknown
 from tests.diagnosis.machines import ARM, record
 from tests.diagnosis.searches import COULOMB, DAMPING, GAIN, HINGE, fitted
 
@@ -84,6 +84,16 @@ def test_names_that_are_only_like_what_acts_go(asked):
     hypothesis, theta = machine.sim.always
     assert hypothesis.terms == (RUBS.term,) and search.sim is machine.sim is not asked.p.sim
     np.testing.assert_array_equal(theta, RUBS.theta)
+
+
+def test_far_better_takes_windows_enough_to_say_so(asked, monkeypatch):
+    """Dry friction of 0.1 N m, beside a wrong gain."""
+    p, right, wrong = asked.p, fitted(asked.s, {COULOMB: [0.1]}), fitted(asked.s, {GAIN: [0.9]})
+    count = judged(p, "choice").count
+    monkeypatch.setattr(module, "ENOUGH_WINDOWS", count)
+    assert _far_better(p, right, wrong) and not _far_better(p, wrong, right)
+    monkeypatch.setattr(module, "ENOUGH_WINDOWS", count + 1)
+    assert not _far_better(p, right, wrong)
 
 
 def test_what_is_found_beside_the_force_is_told_without_it(asked):
