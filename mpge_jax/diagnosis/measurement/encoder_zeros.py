@@ -47,7 +47,7 @@ class _Group:
 
     Attributes:
         windows: of all of them. of: [W] to which of the P each belongs. log: [P] to which of the R each belongs.
-        looked: [R] whether it is no test recording. train: [P] whether parameters are fitted to some of its log.
+        looked: [R] whether it is no test recording. train: [R] whether parameters are fitted to some of its log.
         names: of the R. joints: J of them. columns: [J] of qpos, theirs.
     """
 

@@ -137,13 +137,13 @@ def _evidence(without: Errors, after: Errors, floors: Array) -> float:
         floors: [W] errors that noise alone leaves.
     """
     unit = max(min(float(np.median(e.window)) for e in (without, after)), 1e-150)
-    losses, squares = (
-        f(without.window) - f(after.window) for f in (lambda e: robust_loss((e / unit) ** 2), np.square)
-    )
+    more, less = without.window**2, after.window**2
+    losses = robust_loss(more / unit**2) - robust_loss(less / unit**2)
     ratio, together = (
-        by_scatter(x) if x.size > 1 else float(np.sign(x.sum()) * np.inf) for x in (losses, squares)
+        by_scatter(gain) if gain.size > 1 else float(np.sign(gain.sum()) * np.inf)
+        for gain in (losses, more - less)
     )
-    least = 0.5 * float((squares / np.maximum(floors**2, 1e-300)).sum())
+    least = 0.5 * float(((more - less) / np.maximum(floors**2, 1e-300)).sum())
     better = after if least > 0.0 else without
     if bool((better.window <= MEANS_SOMETHING * floors).all()) and abs(least) > abs(ratio):
         return least

@@ -101,6 +101,22 @@ def test_a_window_convinces_where_nothing_but_noise_is_left(left, sure):
     assert (evidence == pytest.approx(40.0)) == sure
 
 
+@pytest.mark.parametrize(
+    ("after", "better"),
+    [
+        pytest.param([0.001] * 12 + [0.24, 0.11], 1, id="something else acts in two, and all else gains"),
+        pytest.param([0.03] * 8 + [0.06] * 4 + [0.3, 0.12], 0, id="about as many lose as gain"),
+        pytest.param([0.001] * 8 + [0.4] * 6, -1, id="so many lose so much that most windows do not count"),
+    ],
+)
+def test_windows_in_which_something_else_acts_have_no_more_say_than_others(after, better):
+    before, after, floors = np.array([0.043] * 12 + [0.2, 0.1]), np.array(after), np.full(14, 1e-4)
+    ratio = confirmation._evidence(*(Errors(0.0, floors, x, floors) for x in (before, after)), floors)
+    back = confirmation._evidence(*(Errors(0.0, floors, x, floors) for x in (after, before)), floors)
+    assert (beyond_doubt(ratio), beyond_doubt(-ratio)) == (better > 0, better < 0)
+    assert back == pytest.approx(-ratio)
+
+
 def test_what_harms_is_no_measure_of_what_is_missed(rubbing, monkeypatch):
     """Without the gain all windows are better; the others' slight shares are then missed from there on."""
     s, p = rubbing
