@@ -49,13 +49,13 @@ def fitted(s, values: dict[Term, list[float]]) -> Fitted:
 
 
 def exported(xml: str, parts: dict[str, tuple[str, list[float]]]) -> tuple[mujoco.MjModel, Machine]:
-    """The model with effects written one after the other, and the machine on which they act: {id: (place, theta)}."""
+    """The model with effects written at their turn, and the machine on which they act: {id: (place, theta)}."""
     spec = mujoco.MjSpec.from_string(xml)
     ctx = nominal_context(compile_variable(spec))
     terms = {Term(i, find_place(ctx, REGISTRY[i], at)): np.array(theta) for i, (at, theta) in parts.items()}
     spec.compile()
-    for term, theta in terms.items():
-        assert term.effect.export(spec, ctx, term.place, theta)
+    for term in Hypothesis.of(*terms).terms:
+        assert term.effect.export(spec, ctx, term.place, terms[term])
     return spec.compile(), Machine.build(ctx, tuple(terms), tuple(terms.values()))
 
 

@@ -105,7 +105,7 @@ def test_the_page_says_what_it_is_and_what_it_does(tmp_path, monkeypatch):
     text = html_sections.residual(d, {"residual": picture})
     assert "falls from 0.08 to 0.02 rad, 4 times smaller" in text
     assert (
-        "At the hinge, a function of the speed v of the joint (about 0.5 v N m, for -4 &lt; v &lt; 4 rad/s)."
+        "A force at the hinge, as a function of the speed v of the joint (about 0.5 v N m, for -4 &lt; v &lt; 4 rad/s)."
         in text
     )
     assert html_sections.residual(SimpleNamespace(residual=None), {}) == ""
