@@ -201,7 +201,6 @@ def learnt(d: Diagnosis) -> dict[str, Any]:
         "verdict": d.verdict,
         "rows": [sum(len(m.force) for m in known), len(test.force)],
         "left": shares,
-        "residual": None if d.residual is None else round(d.residual.after / d.residual.before, 3),
     }
 
 

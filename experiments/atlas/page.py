@@ -82,15 +82,16 @@ def markdown(kept: Mapping[str, Row], learnt: Mapping[str, Any] | None = None) -
     lines += ["", f"Verdicts: {told}. {_met(kept)}"]
     if missing := [MACHINES[key].title for key in MACHINES if key not in kept]:
         lines += ["", f"Not diagnosed yet: {', '.join(missing)}."]
-    lines += [] if learnt is None else _learnt(learnt)
+    lines += [] if learnt is None else _learnt(learnt, kept)
     lines += ["", "## Where the recordings come from", "", "| machine | source | licence |", "|---|---|---|"]
     lines += [f"| {MACHINES[key].title} | {row['source']} | {row['licence']} |" for key, row in kept.items()]
     lines += ["", _made(kept), ""]
     return "\n".join(lines)
 
 
-def _learnt(found: Mapping[str, Any]) -> list[str]:
-    """What strong learners leave of what the diagnoses leave: lines of the page, from what `learnable` wrote."""
+def _learnt(found: Mapping[str, Any], kept: Mapping[str, Row]) -> list[str]:
+    """What strong learners leave of what the diagnoses leave: lines of the page, from what `learnable` wrote; and what
+    the diagnoses' own functions leave of it."""
     lines = [
         "",
         "## Could more of it be learnt?",
@@ -110,7 +111,8 @@ def _learnt(found: Mapping[str, Any]) -> list[str]:
     ]
     for key, row in found.items():
         left = ", ".join(f"{x:.2f}" for x in row["left"].values() if x is not None)
-        residual = "-" if row["residual"] is None else f"{row['residual']:.2f}"
+        own = kept[key]["with_residual"] if key in kept else None
+        residual = "-" if own is None else f"{own / kept[key]['after']:.2f}"
         lines.append(f"| [{MACHINES[key].title}](machines/{key}.md) | {left} | {residual} |")
     return lines
 

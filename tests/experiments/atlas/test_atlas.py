@@ -85,14 +85,21 @@ def test_a_fall_that_rounds_to_nothing_is_not_said(tmp_path):
 
 
 def test_what_learners_leave_is_told_where_it_was_measured(tmp_path):
-    docs = docs_with(tmp_path, brfd=ROW)
+    motion = {
+        "after": 0.02,
+        "with_residual": 0.00912,
+        "median_window": [0.2, 0.01],
+        "each": {"j": [0.2, 0.02]},
+    }
+    docs = docs_with(tmp_path, brfd=ROW, go2_legs={**ROW, **motion})
     assert "learnt" not in page.text(docs)
-    found = {"left": {"rig": 0.904, "other": None, "more": 1.2}, "residual": None, "commit": "abc"}
-    learnt = {"brfd": found, "go2_legs": {**found, "residual": 0.456}}
+    found = {"left": {"rig": 0.904, "other": None, "more": 1.2}, "commit": "abc"}
+    learnt = {"brfd": found, "go2_legs": found, "cube_toss": found}
     record.kept(docs, page.LEARNT).write_text(json.dumps(learnt))
     text = page.text(docs)
     assert "| [Friction damper with backlash](machines/brfd.md) | 0.90, 1.20 | - |" in text
     assert "(machines/go2_legs.md) | 0.90, 1.20 | 0.46 |" in text and "commit abc" in text
+    assert "(machines/cube_toss.md) | 0.90, 1.20 | - |" in text
 
 
 def test_references_are_compared_in_their_own_measure():
