@@ -44,7 +44,7 @@ def between_recordings(values: Array, deviations: Array, of: Array, looked: Arra
     z, d, rows = values[told], deviations[told], of[told]
     size = max(float(np.abs(z - np.median(z)).max(initial=0.0)), 1e-12)
     tried = np.concatenate([[0.0], size * np.geomspace(*RANGE, GRID)])
-    each = np.array([[_likelihood(z, d, rows, looked.size, b, x) for x in tried] for b in tried])
+    each = np.stack([_likelihood(z, d, rows, looked.size, tried, x) for x in tried], 1)
     between, part = (tried[k] for k in np.unravel_index(int(each.argmax()), each.shape))
     ratio = float(each.max() - each[0].max())
     mean, variance = _by_recording(values, np.hypot(deviations, part), of, looked.size)
@@ -64,15 +64,15 @@ def _by_recording(values: Array, deviations: Array, of: Array, count: int) -> tu
     return np.bincount(of, weight * values, count) * variance, variance
 
 
-def _likelihood(z: Array, d: Array, of: Array, count: int, between: float, part: float) -> float:
-    """Logarithm of the likelihood of two deviations, c at its best, up to a constant."""
+def _likelihood(z: Array, d: Array, of: Array, count: int, between: float | Array, part: float) -> Array:
+    """Logarithm of the likelihood [...] of deviations `between` [...] and `part`, c at its best, up to a constant."""
     own = np.hypot(d, part)
     mean, variance = _by_recording(z, own, of, count)
     inside = ((z - mean[of]) / own) ** 2
     some = np.bincount(of, minlength=count) > 0
     mean, variance = mean[some], variance[some]
-    total = variance + between**2
-    common = (mean / total).sum() / (1.0 / total).sum()
+    total = variance + np.square(between)[..., None]
+    common = (mean / total).sum(-1, keepdims=True) / (1.0 / total).sum(-1, keepdims=True)
     # of the parts around their recording's mean, and of the means around the common one
-    logs = np.log(own**2).sum() - np.log(variance).sum() + np.log(total).sum()
-    return float(-0.5 * (inside.sum() + ((mean - common) ** 2 / total).sum() + logs))
+    logs = np.log(own**2).sum() - np.log(variance).sum() + np.log(total).sum(-1)
+    return -0.5 * (inside.sum() + ((mean - common) ** 2 / total).sum(-1) + logs)

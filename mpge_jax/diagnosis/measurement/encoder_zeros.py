@@ -48,7 +48,7 @@ class _Group:
     Attributes:
         windows: of all of them. of: [W] to which of the P each belongs. log: [P] to which of the R each belongs.
         looked: [R] whether it is no test recording. train: [R] whether parameters are fitted to some of its log.
-        names: of the R. joints: J of them. columns: [J] of qpos, theirs.
+        names: of the R. columns: [J] of qpos, those of the joints.
     """
 
     windows: Windows
@@ -57,7 +57,6 @@ class _Group:
     looked: Array
     train: Array
     names: tuple[str, ...]
-    joints: list[Place]
     columns: list[int]
 
     def less(self, zeros: Array) -> Windows:
@@ -182,7 +181,6 @@ def _group(p: Prepared) -> _Group | None:
         looked=those < len(p.looked_at),
         train=train,
         names=tuple(names[r] for r in those),
-        joints=joints,
         columns=[p.ctx.qadr(j) for j in joints],
     )
 

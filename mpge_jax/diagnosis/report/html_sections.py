@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.residual import residual_of
 from mpge_jax.diagnosis.estimation.whitening import column_scale
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.error_words import error_unit, moves, unit_of_motion
@@ -113,7 +112,7 @@ def residual(d: Result, figures: dict[str, Path]) -> str:
     if d.residual is None:
         return ""
     items = [
-        f"<li>{residual_of(f.term.id).what.capitalize()} at the {escape(f.term.place.name)}, as a function "
+        f"<li>{f.effect.what.capitalize()} at the {escape(f.term.place.name)}, as a function "
         f"{escape(of_inputs(f))}.</li>"
         for f in d.residual.functions
     ]

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import parameters
 from mpge_jax.diagnosis.estimation.quantities import clause, intervals, quantity
@@ -123,7 +122,7 @@ def explanation(d: Result) -> str:
 def _residual(r: ResidualModel, unit: str) -> str:
     """What is left as functions, and what they do to recordings that they never saw."""
     each = [
-        f"{residual_of(f.term.id).what} at the {f.term.place.name}, as a smooth function {of_inputs(f)}"
+        f"{f.effect.what} at the {f.term.place.name}, as a smooth function {of_inputs(f)}"
         for f in r.functions
     ]
     return (

@@ -12,7 +12,6 @@ import numpy as np
 from mpge_jax.diagnosis import own_effects
 from mpge_jax.diagnosis.corrected.mjcf import NOMINAL, corrected_spec
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number, parameters
 from mpge_jax.diagnosis.estimation.prediction_error import errors
@@ -94,7 +93,7 @@ def _residual(r: ResidualModel) -> dict[str, Any]:
     said = [f"{f.formula}, at the {f.term.place.name}" for f in r.functions if f.formula is not None]
     return {
         "at": [f.term.place.name for f in r.functions],
-        "what": [residual_of(f.term.id).what for f in r.functions],
+        "what": [f.effect.what for f in r.functions],
         "inputs": named,
         "formula": "; ".join(said) if len(said) == len(r.functions) else None,
         "range": dict(zip(named, ranges, strict=True)),

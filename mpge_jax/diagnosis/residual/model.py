@@ -8,7 +8,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import Axis, residual_of
+from mpge_jax.diagnosis.effects.residual import Axis, Residual, residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 
 Array = np.ndarray
@@ -29,8 +29,12 @@ class Function:
     formula: str | None
 
     @property
+    def effect(self) -> Residual:
+        return residual_of(self.term.id)
+
+    @property
     def axes(self) -> tuple[Axis, ...]:
-        return residual_of(self.term.id).axes
+        return self.effect.axes
 
 
 @dataclass(frozen=True)

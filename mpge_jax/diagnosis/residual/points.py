@@ -9,7 +9,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place
-from mpge_jax.diagnosis.effects.residual import driven_by, residual_of
+from mpge_jax.diagnosis.effects.residual import driven_by
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.missing_force import missing
 from mpge_jax.diagnosis.force_balance.balance import Balance
@@ -49,14 +49,14 @@ class Pieces:
 
     def beside(self, function: Function) -> Points:
         """What is missing of the function's own kind: of dry friction, force against the motion."""
-        against = residual_of(function.term.id).against(self.values)
+        against = function.effect.against(self.values)
         return Points(against * self.force, tuple(self.values[a.key] for a in function.axes))
 
 
 def missing_in_motion(p: Prepared, f: Fitted, function: Function) -> Points:
     """What windows of the held-out recordings lack with the named effects alone: in each a constant force, with the
     start as uncertain as it is."""
-    effect = residual_of(function.term.id)
+    effect = function.effect
     found = Points(np.zeros(0), tuple(np.zeros(0) for _ in effect.axes))
     for these in pieces(p, "test", f, function.term.place):
         found = these.beside(function)

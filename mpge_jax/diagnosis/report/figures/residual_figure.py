@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from mpge_jax.diagnosis.effects.context import Context, joint_unit
-from mpge_jax.diagnosis.effects.residual import ANGLE, DRIVE, LOAD, SPEED, Axis, residual_of
+from mpge_jax.diagnosis.effects.residual import ANGLE, DRIVE, LOAD, SPEED, Axis
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, MEASURED
@@ -44,7 +44,7 @@ def residual(d: Result, functions: tuple[Function, ...], path: Path) -> Path:
 
 def _curve(ctx: Context, function: Function, points: Points, ax: Axes) -> None:
     """A function of one input."""
-    (axis,), effect = function.axes, residual_of(function.term.id)
+    (axis,), effect = function.axes, function.effect
     x = np.linspace(axis.low, axis.high, GRID)
     y = effect.value(np, function.theta, [x])
     ax.plot(points.inputs[0], points.force, "o", ms=3, color=MEASURED, alpha=0.55, mew=0, label=POINTS)
@@ -58,7 +58,7 @@ def _curve(ctx: Context, function: Function, points: Points, ax: Axes) -> None:
 
 def _map(ctx: Context, function: Function, points: Points, row: SubFigure) -> None:
     """A function of two inputs as colour, and beside it the points over what it says there."""
-    effect, (first, second) = residual_of(function.term.id), function.axes
+    effect, (first, second) = function.effect, function.axes
     left, right = row.subplots(1, 2, width_ratios=(3, 2))
     x, y = (np.linspace(a.low, a.high, GRID) for a in (first, second))
     here = [np.clip(v, a.low, a.high) for v, a in zip(points.inputs, function.axes, strict=True)]
@@ -88,7 +88,7 @@ def _map(ctx: Context, function: Function, points: Points, row: SubFigure) -> No
 
 def _force(ctx: Context, function: Function) -> str:
     unit = joint_unit(ctx, function.term.place, "N m", "N")
-    what = "friction of " if residual_of(function.term.id).dry else ""
+    what = "friction of " if function.effect.dry else ""
     return f"{what}{drawing.short(function.term.place.name, 18)} ({unit})"
 
 
