@@ -85,9 +85,9 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
     """What the model lacks, and what recording did to what was recorded: either is estimated given the other.
 
     The recordings are read with rows, ages, delays and zeros that no physics explains, and the search looks for physics
-    in what that leaves. Then the rows that commands belong to, the ages of servos' forces, after them the delays, and
-    after these the zeros, are estimated again given that physics; where they moved, the search goes on from what it has
-    on recordings read anew. So it ends after five decisions at most.
+    in what that leaves. Then the rows that commands belong to, their clock, the ages of servos' forces, after them the
+    delays, and after these the zeros, are estimated again given that physics; where they moved, the search goes on from
+    what it has on recordings read anew. So it ends after six decisions at most.
 
     Where motion and force were recorded and no commands, nothing is simulated: the forces decide.
 
@@ -115,6 +115,7 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
     found = decide(p, s, say)
     for moved in (
         MeasurementModel.with_moved_rows,
+        MeasurementModel.with_moved_clock,
         MeasurementModel.with_moved_ages,
         MeasurementModel.with_moved_delays,
         MeasurementModel.with_moved_zeros,

@@ -1,5 +1,5 @@
-"""What recording did to the recordings: which row holds a command, how old servos' forces are, when late forces began,
-where encoders had their zeros."""
+"""What recording did to the recordings: which row holds a command, what the commands' clock shows, how old servos'
+forces are, when late forces began, where encoders had their zeros."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.measurement.command_rows import rows_are_late, with_earlier_commands
+from mpge_jax.diagnosis.measurement.commands_clock import common_delay, describe_clock, with_later_commands
 from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, arrivals, moved, with_arrivals
 from mpge_jax.diagnosis.measurement.encoder_zeros import describe_zeros, other_zeros, with_zeros
 from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age
@@ -53,6 +54,14 @@ class MeasurementModel:
             return None
         self.at_rows.warnings.append(READ_SO)
         return replace(self, at_rows=with_earlier_commands(self.at_rows)).given(found.fit)
+
+    def with_moved_clock(self, found: Decision) -> MeasurementModel | None:
+        """With commands later by what all their delays have in common, where that may be their clock's; else None."""
+        seconds = common_delay(self.at_rows, found.fit)
+        if not seconds:
+            return None
+        self.at_rows.warnings.append(describe_clock(seconds))
+        return replace(self, at_rows=with_later_commands(self.at_rows, seconds)).given(found.fit)
 
     def with_moved_ages(self, found: Decision) -> MeasurementModel | None:
         """With another age of the servos' forces, where what was found leaves something and tells one: what was missing

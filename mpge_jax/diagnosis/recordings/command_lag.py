@@ -45,9 +45,14 @@ class Lag:
     step: float
 
     @property
+    def within(self) -> float:
+        """s to within which it is known: rows show no less."""
+        return 0.5 * self.step
+
+    @property
     def matters(self) -> bool:
         """Whether it is as large as rows can show."""
-        return abs(self.common) > 0.5 * self.step
+        return abs(self.common) > self.within
 
     def told(self, actuators: tuple[str, ...]) -> str:
         """A sentence or two for the user."""

@@ -14,7 +14,7 @@ import numpy as np
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.column_map import apply, apply_to, sources
-from mpge_jax.diagnosis.recordings.command_lag import NOT_TOLD, common_lag
+from mpge_jax.diagnosis.recordings.command_lag import LONGEST, NOT_TOLD, common_lag
 from mpge_jax.diagnosis.recordings.formats.arrays import KEYS, raw_columns, read_npz
 from mpge_jax.diagnosis.recordings.formats.plain import aliased_log, read_csv
 from mpge_jax.diagnosis.recordings.formats.registry import ARRAYS, find_files, other_logs, read_logs
@@ -108,20 +108,21 @@ def read_log(
     Raises:
         InputError: it cannot be used; the message says what to do.
     """
-    columns = columns or {}
+    columns, within = columns or {}, 0.0
     data, notes, joined = _at_rows(log, path, model, names, columns, 0.0)
     if joined.apart and "ctrl" in data:
         lag = common_lag(data["time"], data["qpos"], data.get("qvel"), data["ctrl"], model)
         if lag is not None and lag.matters:
             data, notes, _ = _at_rows(log, path, model, names, columns, lag.common)
         said = NOT_TOLD if lag is None else lag.told(names.actuators)
+        within = LONGEST if lag is None else lag.within
         notes = [
             *(f"{log.name}: {clock.told}." for clock in joined.apart.values()),
             f"{log.name}: {said}",
             *notes,
         ]
     recording = _recording(log.name, _readable(log.name), data, model, names, row_from_zero, notes)
-    return replace(recording, origin=log.origin)
+    return replace(recording, origin=log.origin, clock_within=within)
 
 
 def _at_rows(

@@ -39,6 +39,7 @@ class Recording:
         part_of: name of the log of which this is a stretch; none of a whole one.
         before: s at its beginning that are not shown, because they belong to another part of the log or told something
             about the rest: they say how what follows began.
+        clock_within: s by which commands that came on a clock of their own may all be stamped wrong.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Recording:
     earlier: Recording | None = field(default=None, compare=False, repr=False)
     part_of: str = ""
     before: float = 0.0
+    clock_within: float = 0.0
 
     @property
     def first_shown(self) -> int:

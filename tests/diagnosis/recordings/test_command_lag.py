@@ -10,7 +10,7 @@ import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.machine.model import names_of
-from mpge_jax.diagnosis.recordings.command_lag import Lag, common_lag
+from mpge_jax.diagnosis.recordings.command_lag import LONGEST, Lag, common_lag
 from mpge_jax.diagnosis.recordings.formats.tables import Column, Log, Table
 from mpge_jax.diagnosis.recordings.reader import read_log
 from tests.diagnosis.machines import ARM, excitation
@@ -86,6 +86,7 @@ def test_it_is_taken_off_and_told():
     assert "/c comes apart from /s" in text
     assert "commands act 3" in text and "clock or delay" in text and "no actuator's effect" in text
     assert "at their stamps, to within half a row" in " ".join(true.warnings)
+    assert told.clock_within == true.clock_within == pytest.approx(0.005)
 
 
 def test_what_differs_is_left_to_the_actuators():
@@ -113,6 +114,7 @@ def test_commands_that_explain_nothing_tell_nothing():
     # one tone may be late or of another phase: its lag cannot be told from damping and stiffness
     slow = read_log(_log(*_one_tone()), "run", *_arm())
     assert "cannot be told" in " ".join(slow.warnings)
+    assert slow.clock_within == LONGEST
 
 
 def _one_tone():
