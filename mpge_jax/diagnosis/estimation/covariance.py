@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student_t
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_widths
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem
@@ -16,25 +18,60 @@ def finish(p: Problem) -> Fitted:
     """Information, and a covariance that is robust to misfit (clustered by window)."""
     if not p.params or not p.jacobian.size:
         return replace(p.fit, information=np.zeros((0, 0)), cov=np.zeros((0, 0)))
-    j, r = p.jacobian, p.whitened
-    weight = 1.0 / (1.0 + p.fit.x / 5.0)
-    info = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)
-    precision = info + np.diag(1.0 / prior_widths(p.params) ** 2)
-    scale = 1.0 / np.sqrt(np.diag(precision))
+    parts, scores, precision, scale = _by_window(p)
     inverse = np.linalg.pinv(precision * scale[:, None] * scale[None, :], hermitian=True)
-    inverse = inverse * scale[:, None] * scale[None, :]
-    scores = np.einsum("w,pwm,wm->wp", weight, j, r, optimize=True)
-    parts = np.einsum("w,pwm,qwm->wpq", weight, j, j, optimize=True)
-    plain = inverse * max(1.0, float(np.mean(weight * p.fit.x) / np.mean(weight)))
+    plain = inverse * scale[:, None] * scale[None, :] * _misfit(p)
     # the larger of the two, direction by direction on the diagonal
-    left_out = jackknife(precision, parts, scores, scale)
+    left_out, _ = jackknife(precision, parts, scores, scale)
     ratio = np.sqrt(np.maximum(left_out / np.maximum(np.diag(plain), 1e-300), 1.0))
-    return replace(p.fit, information=info, cov=plain * ratio[:, None] * ratio[None, :])
+    return replace(p.fit, information=parts.sum(0), cov=plain * ratio[:, None] * ratio[None, :])
 
 
-def jackknife(precision: Array, parts: Array, scores: Array, scale: Array) -> Array:
-    """Variances [p] by leaving out each window in turn: unlike the sandwich of the scores [W, p], they know that a
-    window which decides much (information `parts` [W, p, p]) pulls the fit towards itself.
+def recordings_differ(p: Problem, source: Array) -> Array:
+    """Variances [p] that parameters have because recordings contradict each other: by how much more it moves them to
+    leave out each recording in turn than noise would.
+
+    What a law misses that is not quite the machine's is alike in the windows of one recording, so that windows do not
+    tell it. Few recordings tell it badly, as Student's t has it.
+
+    Args:
+        source: [W] the recording of each window.
+    """
+    each = np.unique(source)
+    if each.size < 2 or not p.params or not p.jacobian.size:
+        return np.zeros(len(p.params))
+    parts, scores, precision, scale = _by_window(p)
+    of = (source[None, :] == each[:, None]).astype(float)
+    left_out, by_noise = jackknife(
+        precision, np.einsum("gw,wpq->gpq", of, parts, optimize=True), of @ scores, scale
+    )
+    few = student_t.ppf(0.975, each.size - 1) / norm.ppf(0.975)
+    return few**2 * np.maximum(left_out - _misfit(p) * by_noise, 0.0)
+
+
+def _by_window(p: Problem) -> tuple[Array, Array, Array, Array]:
+    """Information [W, p, p] and scores [W, p] of the windows, the precision [p, p] of all with the prior, and the
+    deviations [p] that make it a matrix of ones on the diagonal."""
+    j, weight = p.jacobian, _weight(p)
+    parts = np.einsum("w,pwm,qwm->wpq", weight, j, j, optimize=True)
+    scores = np.einsum("w,pwm,wm->wp", weight, j, p.whitened, optimize=True)
+    precision = parts.sum(0) + np.diag(1.0 / prior_widths(p.params) ** 2)
+    return parts, scores, precision, 1.0 / np.sqrt(np.diag(precision))
+
+
+def _weight(p: Problem) -> Array:
+    return 1.0 / (1.0 + p.fit.x / 5.0)
+
+
+def _misfit(p: Problem) -> float:
+    """Squared error of a window over that of noise, 1 at least."""
+    return max(1.0, float(np.average(p.fit.x, weights=_weight(p))))
+
+
+def jackknife(precision: Array, parts: Array, scores: Array, scale: Array) -> tuple[Array, Array]:
+    """Variances [p] by leaving out each window in turn, and what they would be by noise alone: unlike the sandwich of
+    the scores [W, p], they know that a window which decides much (information `parts` [W, p, p]) pulls the fit towards
+    itself.
 
     Args:
         scale: [p] deviations that make `precision` [p, p] a matrix of ones on the diagonal.
@@ -45,9 +82,11 @@ def jackknife(precision: Array, parts: Array, scores: Array, scale: Array) -> Ar
     scores = scores - parts @ (root @ (root.T @ scores.sum(0)))
     kept, axes = np.linalg.eigh(np.eye(len(scale)) - root.T @ parts @ root)
     # where one window knows all but a thousandth, the others say no more than that
-    steps = np.einsum("wpk,wp->wk", axes, scores @ root) / np.maximum(kept, 1e-3)
-    moves = np.einsum("wpk,wk->wp", axes, steps) @ root.T
-    return (moves**2).sum(0) * (n - 1) / n
+    kept = np.clip(kept, 1e-3, 1.0)
+    towards = root @ axes
+    moves = np.einsum("wpk,wk->wp", towards, np.einsum("wpk,wp->wk", axes, scores @ root) / kept)
+    by_noise = np.einsum("wpk,wk->p", towards**2, (1.0 - kept) / kept)
+    return (moves**2).sum(0) * (n - 1) / n, by_noise * (n - 1) / n
 
 
 def widened(cov: Array, error: Array) -> Array:

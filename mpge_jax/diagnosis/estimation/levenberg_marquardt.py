@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Param
-from mpge_jax.diagnosis.estimation.covariance import finish
+from mpge_jax.diagnosis.estimation.covariance import finish, recordings_differ, widened
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss, prior_widths
 from mpge_jax.diagnosis.estimation.parameter_steps import (
     Problem,
@@ -194,6 +194,13 @@ def _linearise(sim: Simulator, problems: list[Problem], w: Windows, white: White
         p.whitened, p.secant = flat[0], False
         p.jacobian = (flat[1:] - flat[0]) / steps[:, None, None]
         p.fit = _judged(p, p.fit.theta, flat[0], w, white)
+
+
+def as_wide_as_recordings_differ(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Fitted:
+    """`f` with intervals that hold by how much single recordings say otherwise."""
+    p = Problem(f, f.hypothesis.params(sim.ctx))
+    _verify(sim, [p], w, white, 0.0)
+    return replace(f, cov=widened(f.cov, np.sqrt(recordings_differ(p, w.source)))) if f.cov.size else f
 
 
 def gauss_newton_shift(sim: Simulator, f: Fitted, w: Windows, white: Whitener, moved: Array) -> Array:

@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inertias
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import as_wide_as_recordings_differ
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
@@ -71,7 +72,7 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
 def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport]:
     """What was found, without what the test recordings are predicted no better with; and the errors there."""
     found, report = _kept(p, s, found, "test")
-    return replace(found, fit=_with_what_masses_leave_open(p, s, found)), report
+    return replace(found, fit=_with_honest_intervals(p, s, found)), report
 
 
 def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision, FitReport]:
@@ -84,12 +85,16 @@ def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision
     return Decision(f, rivals, noise, left, found.search), report
 
 
-def _with_what_masses_leave_open(p: Prepared, s: Search, found: Decision) -> Fitted:
-    """The fit with intervals that hold this too, told by the windows by which its parameters were."""
-    if s.sim.rugged(found.fit.hypothesis):
-        return found.fit
+def _with_honest_intervals(p: Prepared, s: Search, found: Decision) -> Fitted:
+    """The fit with intervals that hold what recordings say otherwise, and what masses and inertias leave open, told by
+    the windows by which its parameters were."""
+    f = found.fit
+    if not f.theta.size or s.sim.rugged(f.hypothesis):
+        return f
     w = s.train if found.left is not None else _longer(p)
-    return beside_inexact_inertias(s.sim, found.fit, w, s.whiten_one(found.fit, w), p.config.masses_within)
+    white = s.whiten_one(f, w)
+    f = as_wide_as_recordings_differ(s.sim, f, w, white)
+    return beside_inexact_inertias(s.sim, f, w, white, p.config.masses_within)
 
 
 def _longer(p: Prepared) -> Windows:

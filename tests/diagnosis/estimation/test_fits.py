@@ -10,7 +10,7 @@ import pytest
 
 from mpge_jax.diagnosis.effects.context import Param
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.estimation.covariance import jackknife
+from mpge_jax.diagnosis.estimation.covariance import finish, jackknife, recordings_differ, widened
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import _better, fit, timing_error
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond
@@ -105,13 +105,37 @@ def test_variances_are_those_of_leaving_out_each_window():
     moved = np.array([regression(np.delete(everything, k)) for k in everything])
     parts = np.einsum("wmp,wmq->wpq", x, x)
     precision = parts.sum(0)
+    fewer = [np.linalg.inv(precision - each) for each in parts]
+    by_noise = sum(np.diag(each - np.linalg.inv(precision)) for each in fewer) * (windows - 1) / windows
     # also where the fit stopped before it arrived
     for reached in (theta, theta + np.array([0.5, -0.3])):
         scores = np.einsum("wmp,wm->wp", x, y - x @ reached)
-        np.testing.assert_allclose(
-            jackknife(precision, parts, scores, 1 / np.sqrt(np.diag(precision))),
-            ((moved - theta) ** 2).sum(0) * (windows - 1) / windows,
-        )
+        variances = jackknife(precision, parts, scores, 1 / np.sqrt(np.diag(precision)))
+        np.testing.assert_allclose(variances[0], ((moved - theta) ** 2).sum(0) * (windows - 1) / windows)
+        np.testing.assert_allclose(variances[1], by_noise)
+
+
+@pytest.mark.parametrize(
+    ("differ", "alone", "with_it"), [(0.0, (0.92, 0.98), (0.94, 1.0)), (0.3, (0.5, 0.75), (0.85, 0.98))]
+)
+def test_intervals_hold_what_recordings_say_otherwise(differ, alone, with_it):
+    """A coefficient that is another one in each of four recordings, as of a law that is not quite the machine's."""
+    rng, held = np.random.default_rng(3), np.zeros((400, 2))
+    source, param = np.repeat(np.arange(4), 10), Param("k", "1", -10.0, 10.0, 1.0)
+    for k in range(400):
+        x = rng.standard_normal((40, 5))
+        true = 1.0 + differ * rng.standard_normal(4)
+        y = x * true[source][:, None] + rng.standard_normal((40, 5))
+        theta = float((x * y).sum() / (x**2).sum())
+        left = x * theta - y
+        found = replace(NOTHING, theta=np.array([theta]), x=(left**2).mean(1))
+        p = Problem(found, [param], jacobian=x[None], whitened=left)
+        cov = finish(p).cov
+        wide = widened(cov, np.sqrt(recordings_differ(p, source)))
+        held[k] = [abs(theta - 1.0) < 1.96 * np.sqrt(c[0, 0]) for c in (cov, wide)]
+    assert alone[0] < held[:, 0].mean() < alone[1]
+    assert with_it[0] < held[:, 1].mean() <= with_it[1]
+    assert not recordings_differ(p, np.zeros(40)).any()
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
