@@ -168,6 +168,14 @@ GATES = (
         changed(1),
     ),
     Gate(
+        "elastic",
+        "laws of dry friction are asked whether they give way before they slide",
+        (),
+        "selection.elastic_friction:giving_way",
+        given(1),
+        changed(1),
+    ),
+    Gate(
         "pruned",
         "effects that later ones make needless go",
         ("WEAKEST",),
@@ -304,6 +312,7 @@ WORK = {
     "selection.all_joints": ("ITERATIONS",),
     "selection.competition": ("KEEP", "KEEP_OF_MANY"),
     "selection.confirmation": ("ITERATIONS", "SHORT"),
+    "selection.elastic_friction": ("ITERATIONS",),
     "selection.forward_selection": ("REST",),
     "selection.procedure": ("REFINED",),
     "selection.search_state": ("MANY", "WORK"),

@@ -28,6 +28,9 @@ from mpge_jax.diagnosis.effects.context import (
 from mpge_jax.diagnosis.effects.native import SpecFields, has_form
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 
+ELASTIC = ":elastic"
+"""How the identifier of the form of a law of dry friction ends that gives way before it slides."""
+
 
 class Effect:
     """Base class. A new effect sets `id`, `kinds`, `params`, and one or more hooks; see `register`."""
@@ -209,15 +212,17 @@ class Registry(dict[str, "Effect"]):
 
     Attributes:
         families: of effects without number, by what their identifiers begin with: they are made from their identifiers
-            and are not listed.
+            and are not listed. forms: the same, by what they end with.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.families: dict[str, Callable[[str], Effect]] = {}
+        self.forms: dict[str, Callable[[str], Effect]] = {}
 
     def __missing__(self, name: str) -> Effect:
-        return self.families[name.partition(":")[0]](name)
+        family = self.families.get(name.partition(":")[0])
+        return self.forms[name.rpartition(":")[2]](name) if family is None else family(name)
 
 
 REGISTRY = Registry()

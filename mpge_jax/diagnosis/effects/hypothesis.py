@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
+from mpge_jax.diagnosis.effects.base import ELASTIC, REGISTRY, Effect
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 
 Array = np.ndarray
@@ -27,6 +27,11 @@ class Term:
     def name(self) -> str:
         """The identifier of the vocabulary, without the form."""
         return self.id.partition(":")[0]
+
+    @property
+    def law(self) -> str:
+        """The identifier of the law of friction of which this is the elastic form, else its own."""
+        return self.id.removesuffix(ELASTIC)
 
     @property
     def turn(self) -> tuple[int, str, str, int]:

@@ -13,9 +13,10 @@ from envs._mjx import mjx
 from mpge_jax.diagnosis import REGISTRY, VOCABULARY, InputError
 from mpge_jax.diagnosis.corrected.corrected_model import CorrectedModel, CStepper
 from mpge_jax.diagnosis.corrected.jax_engine import CorrectedEngine
-from mpge_jax.diagnosis.effects.base import register
+from mpge_jax.diagnosis.effects.base import ELASTIC, register
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place, nominal_context
+from mpge_jax.diagnosis.effects.friction.dry import Dry
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.machine.model import compile_variable
@@ -37,6 +38,10 @@ VALUES = {
     "actuator_gain:limited": [1.6], "actuator_bias:limited": [0.2], "actuator_deadzone:limited": [0.1],
     "contact_stiffness": [0.05], "encoder_offset": [0.04], "sensor_delay": [0.005],
     "coulomb_friction:behind_gap": [0.05, 0.01, 0.004], "given_inertias:0.03": [1.06, 0.95],
+    "coulomb_friction:elastic": [0.05, 0.4, 0.3], "stribeck_friction:elastic": [0.03, 0.04, 0.4, 0.4, 0.3],
+    "load_dependent_friction:elastic": [0.02, 0.1, 0.4, 0.3],
+    "load_dependent_friction:gear:elastic": [0.02, 0.1, 0.4, 0.3],
+    "asymmetric_friction:elastic": [0.03, 0.06, 0.02, 0.05, 0.4, 0.3],
 }  # fmt: skip
 # Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
 # takes polynomial damping implicitly, and contact solvers start from another guess.
@@ -72,7 +77,8 @@ def command(k: int) -> np.ndarray:
 
 def test_the_vocabulary_is_complete():
     assert set(VOCABULARY) <= set(REGISTRY) and len(VOCABULARY) == 28
-    assert set(VALUES) == {*REGISTRY, "given_inertias:0.03"}
+    unlisted = {"given_inertias:0.03", *(i + ELASTIC for i, e in REGISTRY.items() if isinstance(e, Dry))}
+    assert set(VALUES) == {*REGISTRY, *unlisted} and not unlisted & set(REGISTRY)
 
 
 @pytest.mark.parametrize("effect_id", EVERY)
@@ -154,7 +160,7 @@ def test_native_export_moves_like_the_effect(effect_id):
     if not m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0]):
         assert effect_id in (
             "stribeck_friction", "load_dependent_friction", "load_dependent_friction:gear", "asymmetric_friction",
-            "coulomb_friction:behind_gap",
+            "coulomb_friction:behind_gap", *(i for i in EVERY if i.endswith(ELASTIC)),
             "cogging_torque", "backlash", "actuator_bias:reclipped", "actuator_deadzone:limited",
             "joint_flexibility", "actuator_deadzone", "external_force", "encoder_offset", "sensor_delay",
         )  # fmt: skip

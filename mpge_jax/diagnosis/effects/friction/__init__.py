@@ -1,5 +1,5 @@
 """Friction and damping at a joint."""
 
-from mpge_jax.diagnosis.effects.friction import damping, dry, hidden
+from mpge_jax.diagnosis.effects.friction import damping, dry, elastic, hidden
 
-__all__ = ["damping", "dry", "hidden"]
+__all__ = ["damping", "dry", "elastic", "hidden"]

@@ -28,7 +28,9 @@ def stiff_dry_friction(f: Fields, ctx: Context, dof: int, like: Array) -> None:
     f.set("dof_solimp", dof, xp.stack([s * one for s in SOLIMP], -1))
 
 
-class _Dry(Effect):
+class Dry(Effect):
+    """What laws of dry friction have in common. They are listed as they slide; each has an `elastic` form too."""
+
     kinds = ("joint",)
     fields = FIELDS
 
@@ -37,7 +39,7 @@ class _Dry(Effect):
 
 
 @register
-class CoulombFriction(_Dry):
+class CoulombFriction(Dry):
     id = "coulomb_friction"
     equation = "-Fc sgn v"
     says = "The {at} has dry friction of {torque} that the model lacks."
@@ -53,7 +55,7 @@ class CoulombFriction(_Dry):
 
 
 @register
-class StribeckFriction(_Dry):
+class StribeckFriction(Dry):
     id, tier, runtime = "stribeck_friction", 2, True
     equation = "-(Fc + (Fs - Fc) exp(-(v/vs)^2)) sgn v"
     says = (
@@ -104,7 +106,7 @@ class StribeckFriction(_Dry):
 
 
 @register
-class LoadDependentFriction(_Dry):
+class LoadDependentFriction(Dry):
     id, tier, runtime, order = "load_dependent_friction", 2, True, 7
     equation = "-(Fc + Kl |load|) sgn v, load = actuator force times gear"
     says = "The {at} has dry friction of {coulomb} plus {load_coefficient} times the torque that its drive gives."
@@ -152,7 +154,7 @@ class GearLoadFriction(LoadDependentFriction):
 
 
 @register
-class AsymmetricFriction(_Dry):
+class AsymmetricFriction(Dry):
     id, tier, runtime = "asymmetric_friction", 2, True
     equation = "Fc and b each with a value for v > 0 and for v < 0"
     says = (

@@ -1,0 +1,61 @@
+"""Dry friction that gives way before it slides is told from friction that does not, and from a flexible drive."""
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
+from mpge_jax.diagnosis.selection.elastic_friction import giving_way, with_rigid
+from mpge_jax.diagnosis.selection.forward_selection import search
+from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.searches import COULOMB, fitted, search_of
+
+SLIDES, STIFFNESS, DAMPED = 0.15, 30.0, 0.26
+INERTIA = 0.0195
+"""kg m^2 of the pendulum about its hinge."""
+
+
+def _bristles(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """LuGre, integrated by itself: 0.15 N m, 30 N m/rad, 0.26 of critical damping."""
+    dt, v = model.opt.timestep, float(data.qvel[0])
+    if data.time == 0.0:
+        _bristles.bent = 0.0
+    rate = v - STIFFNESS * abs(v) * _bristles.bent / SLIDES
+    _bristles.bent += dt * rate
+    data.qfrc_applied[0] -= STIFFNESS * _bristles.bent + 2 * DAMPED * np.sqrt(STIFFNESS * INERTIA) * rate
+
+
+def _rigid(model: mujoco.MjModel) -> None:
+    model.dof_frictionloss[0], model.dof_damping[0] = SLIDES, 0.05
+    model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+
+def _search(change: Callable | None = None, force: Callable | None = None):
+    return search_of(PENDULUM, record(PENDULUM, 0.8, change=change, force=force, seconds=3.0))[0]
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    return _search(force=_bristles)
+
+
+def test_it_is_found_named_as_its_law_and_leaves_nothing_for_others(elastic):
+    found, _ = final_fit(elastic, search(elastic)[0])
+    assert str(found.hypothesis) == "coulomb_friction@hinge" and found.hypothesis != COULOMB
+    (term,) = found.hypothesis.terms
+    values = term.effect.report(elastic.sim.ctx, term.place, found.theta)
+    assert values["torque"] == pytest.approx(SLIDES, rel=0.02)
+    assert values["compliance"] == pytest.approx(1 / STIFFNESS, rel=0.1)
+    assert values["damping_ratio"] == pytest.approx(DAMPED, abs=0.05)
+    # it is not taken back as what is not needed
+    assert prune(elastic, found).hypothesis == found.hypothesis
+    rigid = with_rigid(elastic.sim.ctx, found, [term])
+    assert rigid.hypothesis.terms == (COULOMB,) and rigid.theta.tolist() == found.theta[:1].tolist()
+
+
+def test_friction_that_does_not_give_way_stays_rigid_though_something_else_is_left():
+    s = _search(change=_rigid)
+    current = fitted(s, {COULOMB: [SLIDES]})
+    assert giving_way(s, current) is current
