@@ -187,11 +187,6 @@ class Effect:
         be the effect, and not a plainer one that it contains: by default each of `naming` by itself."""
         return np.eye(len(self.params(ctx, place)))[self.naming(ctx, place)]
 
-    def given_within(self, share: float) -> float:
-        """By how much its `contrasts` may differ from where it vanishes and be no news, where every given mass and
-        inertia may be off by a share."""
-        return 0.0
-
     def null(self, ctx: Context, place: Place) -> np.ndarray:
         """Parameters at which the effect vanishes."""
         return np.full(len(self.params(ctx, place)), self.vanishes_at)

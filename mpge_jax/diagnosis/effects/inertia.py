@@ -125,9 +125,6 @@ class MassScale(_Inertial):
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (Param("factor", "1", 0.05, 20.0, 0.05),)
 
-    def given_within(self, share: float) -> float:
-        return share
-
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         return np.array([[1.1]])
 

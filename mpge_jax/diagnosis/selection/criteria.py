@@ -6,7 +6,6 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.effects.inertia import GivenInertias
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, held_out_evidence
@@ -57,17 +56,14 @@ def named(s: Search, f: Fitted, without: Hypothesis = Hypothesis()) -> bool:  # 
 
 
 def strength(s: Search, f: Fitted) -> dict[Term, float]:
-    """By how many deviations each term's `contrasts`, together or the best by itself, differ from null, or from what
-    is no news as nobody knows the given masses better."""
+    """By how many deviations each term's `contrasts`, together or the best by itself, differ from null."""
     ctx, out = s.sim.ctx, {}
-    share = next((t.effect.share for t in s.terms if isinstance(t.effect, GivenInertias)), 0.0)
     for term, part in zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True):
         contrasts = term.effect.contrasts(ctx, term.place)
         if not len(contrasts) or not f.cov.size:
             out[term] = np.inf
             continue
         delta = contrasts @ (f.theta[part] - term.effect.null(ctx, term.place))
-        delta = np.sign(delta) * np.maximum(np.abs(delta) - term.effect.given_within(share), 0.0)
         cov = contrasts @ f.cov[part, part] @ contrasts.T
         deviation = np.sqrt(np.maximum(np.diag(cov), 1e-300))
         # of a wave, amplitude and phase may be known where neither of its two parts is

@@ -11,7 +11,6 @@ from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.inertia import given_inertias
 from mpge_jax.diagnosis.evidence.scored import Scored, hopeful
 from mpge_jax.diagnosis.selection import forward_selection
-from mpge_jax.diagnosis.selection.criteria import named
 from tests.diagnosis.machines import ARM, record
 from tests.diagnosis.searches import ARMATURE, COULOMB, GAIN, STRIBECK, fitted
 
@@ -52,16 +51,6 @@ def _scored(s, loss: float, *terms) -> Scored:
         1,
         1,
     )
-
-
-@pytest.mark.parametrize(("factor", "news"), [(1.016, False), (0.972, False), (1.05, True), (0.95, True)])
-def test_all_masses_together_are_news_beyond_what_each_is_known_by(null, factor, news):
-    s, _ = null
-    scale = next(t for t in s.terms if t.id == "mass_scale")
-    f = replace(fitted(s, {scale: [factor]}), cov=np.array([[1e-6]]))
-    assert named(s, f) == news
-    exact = replace(s, terms=[t for t in s.terms if t.effect.named])
-    assert named(exact, f)
 
 
 def test_masses_do_not_stand_for_physics_that_explains_more(null, monkeypatch):
