@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inerti
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import as_wide_as_recordings_differ
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
-from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
+from mpge_jax.diagnosis.evidence.rigid_equivalence import as_given, name_nearest
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
@@ -158,6 +158,8 @@ def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term
     for left in reversed(range(EXCHANGES + 1)):
         f, whites = final_fit(s, prune(s, f))
         f = name_nearest(s.sim.ctx, f)
+        if (given := as_given(s.sim.ctx, f, s.masses_within)) is not f:
+            f, whites = final_fit(s, given)
         best = s.score([f], whites)[0]
         rivals = find_rivals(s, best, whites, last)
         better = better_rival(rivals)
