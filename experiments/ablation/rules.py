@@ -176,6 +176,14 @@ GATES = (
         changed(1),
     ),
     Gate(
+        "as given",
+        "masses near the given ones take the place of effects that are no likelier",
+        (),
+        "selection.given_masses:as_given",
+        given(1),
+        changed(1),
+    ),
+    Gate(
         "pruned",
         "effects that later ones make needless go",
         ("WEAKEST",),
@@ -314,6 +322,7 @@ WORK = {
     "selection.confirmation": ("ITERATIONS", "SHORT"),
     "selection.elastic_friction": ("ITERATIONS",),
     "selection.forward_selection": ("REST",),
+    "selection.given_masses": ("ITERATIONS",),
     "selection.procedure": ("REFINED",),
     "selection.search_state": ("MANY", "WORK"),
     "selection.setup": ("POOL", "FEWEST_ROWS"),

@@ -1,5 +1,4 @@
-"""One machine under several names: a mass added to one of several bodies that do not move against each other, and a
-factor of all masses that lies within what each is known by."""
+"""Bodies that do not move against each other: a mass added to one of them is the same as one added to another."""
 
 from __future__ import annotations
 
@@ -10,7 +9,6 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.effects.inertia import given_inertias
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.machine.model import moving_bodies
 
@@ -44,19 +42,6 @@ def name_nearest(ctx: Context, f: Fitted) -> Fitted:
         if term.name == "payload_mass":
             f = _moved(ctx, f, term)
     return f
-
-
-def as_given(ctx: Context, f: Fitted, share: float) -> Fitted:
-    """The same machine with a factor of all masses as factors of the given ones, which are no news within a `share`;
-    not fitted again. `f` where it has no such factor, or one beyond that."""
-    scale, given = Term("mass_scale", Place("world", "world", 0)), given_inertias(share)
-    parts, centres = (f.hypothesis.split(ctx, x) for x in (f.theta, f.centre))
-    if scale not in parts or given in parts or abs(float(parts[scale][0]) - 1.0) > share:
-        return f
-    factor = np.full(len(given.params(ctx)), float(parts.pop(scale)[0]))
-    h = Hypothesis.of(*parts, given)
-    theta = h.gather(ctx, parts | {given: factor})
-    return Fitted(h, theta, h.gather(ctx, centres | {given: given.effect.null(ctx, given.place)}))
 
 
 def _moved(ctx: Context, f: Fitted, term: Term) -> Fitted:

@@ -15,13 +15,14 @@ from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inerti
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import as_wide_as_recordings_differ
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
-from mpge_jax.diagnosis.evidence.rigid_equivalence import as_given, name_nearest
+from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined, with_timestep_error
 from mpge_jax.diagnosis.selection.confirmation import confirmed, predicts_better
 from mpge_jax.diagnosis.selection.forward_selection import search
+from mpge_jax.diagnosis.selection.given_masses import as_given
 from mpge_jax.diagnosis.selection.remainder import Remainder, leaves, remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
@@ -158,7 +159,7 @@ def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term
     for left in reversed(range(EXCHANGES + 1)):
         f, whites = final_fit(s, prune(s, f))
         f = name_nearest(s.sim.ctx, f)
-        if (given := as_given(s.sim.ctx, f, s.masses_within)) is not f:
+        if (given := as_given(s, f)) is not f:
             f, whites = final_fit(s, given)
         best = s.score([f], whites)[0]
         rivals = find_rivals(s, best, whites, last)

@@ -39,7 +39,6 @@ class Search:
         there.
         looked: whether all joints were looked at together (`all_joints.everywhere`), which is done once, and again
             beside one more effect that explained as much.
-        masses_within: share by which the given masses and inertias may be off.
         floor: what a hypothesis would leave if it were true, by simulation; needed where noise enters otherwise than
         through start and measurements (measured forces).
     """
@@ -59,7 +58,6 @@ class Search:
     typical: int | None = None
     looked: bool = False
     floor: Callable[[Fitted], Floor] | None = None
-    masses_within: float = 0.0
 
     def whiten(self, around: Fitted, temper: bool = True) -> tuple[Whitener, Whitener]:
         """Whiteners of training and held-out windows around a fit, in the same units."""

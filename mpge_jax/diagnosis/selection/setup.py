@@ -53,7 +53,6 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
         max_terms=limit,
         typical=typical,
         floor=calibrated,
-        masses_within=c.masses_within,
     )
 
 

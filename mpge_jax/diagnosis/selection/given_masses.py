@@ -1,0 +1,52 @@
+"""Effects that say no more than that the given masses and inertias are not exact, which nobody claimed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.effects.inertia import GivenInertias
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
+from mpge_jax.diagnosis.evidence.scored import evidence
+from mpge_jax.diagnosis.selection.search_state import Search
+
+Array = np.ndarray
+LIKE_MASSES = ("mass_scale", "payload_mass", "com_offset", "external_force")
+"""Effects that masses and inertias that are slightly off pass for."""
+ITERATIONS = 8
+
+
+def as_given(s: Search, f: Fitted) -> Fitted:
+    """`f` with factors of the given masses and inertias in place of every effect that is not likelier than they are:
+    by all windows, and by how far from one they would have to be."""
+    given = next((t for t in s.terms if isinstance(t.effect, GivenInertias)), None)
+    if given is None:
+        return f
+    for term in [t for t in f.hypothesis.named if t.id in LIKE_MASSES]:
+        whites = s.whiten(f)
+        (other,) = fit(s.sim, [_instead(s, f, term, given)], s.train, whites[0], iterations=ITERATIONS)
+        now, then = s.score([f, other], whites)
+        if not beyond_doubt(evidence(now, then) + _unlikely(s, other) - _unlikely(s, f)):
+            s.log.append(f"as given: {f.hypothesis} -> {other.hypothesis}")
+            f = other
+    return f
+
+
+def _instead(s: Search, f: Fitted, term: Term, given: Term) -> Fitted:
+    """`f` without a term, with factors of the given masses and inertias, to be fitted."""
+    ctx = s.sim.ctx
+    parts, centres = (f.hypothesis.split(ctx, x) for x in (f.theta, f.centre))
+    null = given.effect.null(ctx, given.place)
+    factor = np.full_like(null, parts[term][0]) if term.id == "mass_scale" else null
+    h = Hypothesis.of(*f.hypothesis.without(term).terms, *({given} - set(parts)))
+    theta, centre = (h.gather(ctx, {given: x} | known) for x, known in ((factor, parts), (null, centres)))
+    return Fitted(h, theta, centre)
+
+
+def _unlikely(s: Search, f: Fitted) -> float:
+    """Minus the logarithm of how likely the factors of a fit are, against being one."""
+    parts = f.hypothesis.split(s.sim.ctx, f.theta)
+    off = [(x - 1.0) / t.effect.share for t, x in parts.items() if isinstance(t.effect, GivenInertias)]
+    return 0.5 * float(sum((x**2).sum() for x in off))
