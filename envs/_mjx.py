@@ -19,9 +19,22 @@ for _line in _printed.getvalue().splitlines():
     if not _line.startswith(("Failed to import warp:", "Failed to import mujoco_warp:")):
         print(_line)
 
-__all__ = ["mjx", "without_lapack"]
+__all__ = ["mjx", "refused", "without_lapack"]
 
 _swapping = threading.RLock()
+
+
+@contextlib.contextmanager
+def refused() -> Iterator[None]:
+    """Says what MJX does not compute, and what does.
+
+    Raises:
+      ValueError: MJX cannot simulate the model that it is given in here.
+    """
+    try:
+        yield
+    except NotImplementedError as error:
+        raise ValueError(f"MJX cannot simulate this model ({error}): take backend 'c'") from error
 
 
 @contextlib.contextmanager

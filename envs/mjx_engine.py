@@ -4,7 +4,7 @@ import jax
 import mujoco
 import numpy as np
 
-from envs._mjx import mjx, without_lapack
+from envs._mjx import mjx, refused, without_lapack
 
 # Model fields that MJX in JAX takes without a word and does not compute.
 _IGNORED = (
@@ -40,10 +40,8 @@ class MJXEngine:
     def __init__(self, model: mujoco.MjModel):
         check_computed(model)
         self.model = model
-        try:
+        with refused():
             self._mjx_model = mjx.put_model(model, impl="jax")
-        except NotImplementedError as error:
-            raise ValueError(f"MJX cannot simulate this model ({error}): take backend 'c'") from error
 
     def init(self, qpos: jax.Array, qvel: jax.Array) -> mjx.Data:
         """Physics state at `qpos [nq]`, `qvel [nv]`, time 0, without warm start."""

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from envs._mjx import mjx
+from envs._mjx import mjx, refused
 
 # Room for the contacts of all copies together, which Warp allocates before it knows how many they are: as many as
 # these copies can have at their very most, which is far more than so many have at once.
@@ -62,11 +62,9 @@ class WarpEngine:
             raise ValueError(
                 f"MJX-Warp does not carry {', '.join(carried)}, which this model has: take backend 'c'"
             )
-        try:
+        with refused():
             self._mjx_model = mjx.put_model(model, impl="warp")
             most = mjx.make_data(model, impl="jax")._impl
-        except NotImplementedError as error:
-            raise ValueError(f"MJX cannot simulate this model ({error}): take backend 'c'") from error
         sizes = {"naconmax": max(1, most.ncon) * copies, "njmax": max(1, most.nefc)}
         self._make = functools.partial(mjx.make_data, model, impl="warp", **sizes)
 

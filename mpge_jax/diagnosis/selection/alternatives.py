@@ -9,7 +9,7 @@ from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
-from mpge_jax.diagnosis.estimation.screening import starts_beside
+from mpge_jax.diagnosis.estimation.screening import ELABORATE, starts_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, odds
 from mpge_jax.diagnosis.evidence.rigid_equivalence import same_body
@@ -23,12 +23,7 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import RICHER, SETTLED
 
 SPECIAL_CASES = {
-    "coulomb_friction": (
-        "stribeck_friction",
-        "load_dependent_friction",
-        "load_dependent_friction:gear",
-        "asymmetric_friction",
-    ),
+    "coulomb_friction": ELABORATE,
     "viscous_damping": ("asymmetric_friction",),
     "viscous_damping:explicit": ("asymmetric_friction",),
     "dead_actuator": (

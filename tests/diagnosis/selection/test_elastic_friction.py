@@ -47,7 +47,7 @@ def test_it_is_found_named_as_its_law_and_leaves_nothing_for_others(elastic):
     (term,) = found.hypothesis.terms
     values = term.effect.report(elastic.sim.ctx, term.place, found.theta)
     assert values["torque"] == pytest.approx(SLIDES, rel=0.02)
-    assert values["compliance"] == pytest.approx(1 / STIFFNESS, rel=0.1)
+    assert values["stiffness"] == pytest.approx(STIFFNESS, rel=0.1)
     assert values["damping_ratio"] == pytest.approx(DAMPED, abs=0.05)
     # it is not taken back as what is not needed
     assert prune(elastic, found).hypothesis == found.hypothesis

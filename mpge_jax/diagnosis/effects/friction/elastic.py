@@ -40,7 +40,7 @@ class Elastic(Effect):
         self.external, self.confused_with, self.remedy = law.external, law.confused_with, law.remedy
         self.equation = f"s z, dz/dt = v - s |v| z / F, where F is the size of {law.equation}"
         self.says = (
-            law.says.removesuffix(".") + "; before it slides it gives way elastically by {compliance}."
+            law.says.removesuffix(".") + "; before it slides it gives way like a spring of {stiffness}."
         )
 
     def places(self, ctx: Context) -> list[Place]:
@@ -63,15 +63,16 @@ class Elastic(Effect):
         return np.array([[*theta, k * travel / slides, DAMPED] for k in BENT])
 
     def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
-        own = {"compliance": theta[..., -OWN], "damping_ratio": theta[..., -1]}
+        own = {"stiffness": 1.0 / np.maximum(theta[..., -OWN], 1e-12), "damping_ratio": theta[..., -1]}
         return self.law.report(ctx, place, theta[..., :-OWN]) | own
 
     def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
-        own = [float(values[k]) for k in ("compliance", "damping_ratio")]
+        own = [1.0 / float(values["stiffness"]), float(values["damping_ratio"])]
         return np.append(self.law.from_report(ctx, place, values), own)
 
     def units(self, ctx: Context, place: Place) -> dict[str, str]:
-        return self.law.units(ctx, place) | {p.name: p.unit for p in self.params(ctx, place)[-OWN:]}
+        own = {"stiffness": joint_unit(ctx, place, "N m/rad", "N/m"), "damping_ratio": "1"}
+        return self.law.units(ctx, place) | own
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return self.law.naming(ctx, place)

@@ -101,9 +101,9 @@ def test_it_takes_the_place_of_its_law_and_is_reported_under_its_name():
     # it is no candidate by itself
     assert all(t.id == t.law for t in all_terms(ctx))
     text = elastic.effect.sentence(
-        place, {"torque": "3 N m", "compliance": "0.01 rad/(N m)", "damping_ratio": "0.3"}
+        place, {"torque": "3 N m", "stiffness": "100 N m/rad", "damping_ratio": "0.3"}
     )
-    assert "dry friction of 3 N m" in text and "gives way elastically by 0.01 rad/(N m)" in text
+    assert "dry friction of 3 N m" in text and "gives way like a spring of 100 N m/rad" in text
     for wrong in ("viscous_damping:elastic", "coulomb_friction:behind_gap:elastic", "coulomb_friction:soft"):
         with pytest.raises(KeyError):
             REGISTRY[wrong]
