@@ -168,10 +168,10 @@ GATES = (
         changed(1),
     ),
     Gate(
-        "elastic",
-        "laws of dry friction are asked whether they give way before they slide",
+        "closer forms",
+        "it is asked whether dry friction gives way before it slides, and whether a payload has an extent",
         (),
-        "selection.elastic_friction:giving_way",
+        "selection.closer_forms:closer",
         given(1),
         changed(1),
     ),
@@ -318,9 +318,9 @@ def gate(name: str) -> Gate:
 
 WORK = {
     "selection.all_joints": ("ITERATIONS",),
+    "selection.closer_forms": ("ITERATIONS",),
     "selection.competition": ("KEEP", "KEEP_OF_MANY"),
     "selection.confirmation": ("ITERATIONS", "SHORT"),
-    "selection.elastic_friction": ("ITERATIONS",),
     "selection.forward_selection": ("REST",),
     "selection.given_masses": ("ITERATIONS",),
     "selection.procedure": ("REFINED",),

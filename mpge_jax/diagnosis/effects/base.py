@@ -28,9 +28,6 @@ from mpge_jax.diagnosis.effects.context import (
 from mpge_jax.diagnosis.effects.native import SpecFields, has_form
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 
-ELASTIC = ":elastic"
-"""How the identifier of the form of a law of dry friction ends that gives way before it slides."""
-
 
 class Effect:
     """Base class. A new effect sets `id`, `kinds`, `params`, and one or more hooks; see `register`."""
@@ -72,6 +69,8 @@ class Effect:
     """Whether `along` tells its force where only the motion is known."""
     simulated = True
     """Whether the search by simulated windows tries it; else only where motion and force are given."""
+    closer: str = ""
+    """How the identifier of its closer form ends (see `closer.Closer`); none where it has none."""
     named = True
     """Whether it is physics that a verdict names; else it corrects what is given."""
     senses = False

@@ -63,7 +63,7 @@ def compatible(hypothesis: Hypothesis, term: Term) -> bool:
             if other.id == term.id and {other.place.kind, term.place.kind} == {"world", "geom"}:
                 return False
             continue
-        if any(other.law in group and term.law in group for group in EXCLUSIVE):
+        if any(other.plain in group and term.plain in group for group in EXCLUSIVE):
             return False
         if "dead_actuator" in (other.id, term.id) and term.place.kind == "actuator":
             return False

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import ELASTIC, REGISTRY, Effect
+from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
+from mpge_jax.diagnosis.effects.closer import Closer
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 
 Array = np.ndarray
@@ -29,9 +30,10 @@ class Term:
         return self.id.partition(":")[0]
 
     @property
-    def law(self) -> str:
-        """The identifier of the law of friction of which this is the elastic form, else its own."""
-        return self.id.removesuffix(ELASTIC)
+    def plain(self) -> str:
+        """The identifier of the effect of which this is the closer form, else its own."""
+        effect = self.effect
+        return effect.plain.id if isinstance(effect, Closer) else self.id
 
     @property
     def turn(self) -> tuple[int, str, str, int]:

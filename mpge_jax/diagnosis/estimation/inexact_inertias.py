@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context
-from mpge_jax.diagnosis.effects.inertia import given_inertias
+from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.estimation.covariance import widened
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit

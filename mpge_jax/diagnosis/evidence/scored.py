@@ -117,7 +117,7 @@ def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
     top = screened[:keep]
     chosen = {f.hypothesis for f in top}
     plain = ("coulomb_friction", "viscous_damping")
-    places = {t.place for f in top for t in f.hypothesis.terms if t.law in ELABORATE}
+    places = {t.place for f in top for t in f.hypothesis.terms if t.plain in ELABORATE}
     for f in screened[keep:]:
         if f.hypothesis not in chosen and any(
             t.id in plain and t.place in places for t in f.hypothesis.terms

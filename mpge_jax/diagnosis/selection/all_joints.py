@@ -81,7 +81,7 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
     laws of friction, for which plain effects may have been mistaken. None where that adds or keeps nothing."""
     ctx = s.sim.ctx
     parts = dict(current.hypothesis.split(ctx, current.theta))
-    doubtful = {t for t in parts if t.law in ELABORATE or any(p.unit == "s" for p in t.params(ctx))}
+    doubtful = {t for t in parts if t.plain in ELABORATE or any(p.unit == "s" for p in t.params(ctx))}
     if keep and not doubtful:
         return None
     hypothesis = Hypothesis.of(*(t for t in parts if keep or t not in doubtful))

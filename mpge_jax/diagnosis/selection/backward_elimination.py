@@ -14,8 +14,8 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit, gauss_newton_shift, timing_error
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, Whitener, numerics, whitener
+from mpge_jax.diagnosis.selection.closer_forms import with_plain
 from mpge_jax.diagnosis.selection.criteria import moves, needed, strength
-from mpge_jax.diagnosis.selection.elastic_friction import with_rigid
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -47,8 +47,7 @@ def prune(s: Search, current: Fitted) -> Fitted:
 
 
 def _simpler(s: Search, current: Fitted) -> list[Fitted]:
-    """The hypothesis without each of several terms, with the plain form of each elaborate friction, and with the rigid
-    form of each elastic one."""
+    """The hypothesis without each of several terms, and with a plainer form of each that has one."""
     ctx = s.sim.ctx
     deviations = strength(s, current)
     weakest = sorted(deviations, key=lambda t: deviations[t])[:WEAKEST]
@@ -59,10 +58,10 @@ def _simpler(s: Search, current: Fitted) -> list[Fitted]:
         h = current.hypothesis.without(t)
         if h.terms:
             out.append(current.of_terms(ctx, h))
-        if t.id != t.law:
-            out.append(with_rigid(ctx, current, [t]))
+        if t.id != t.plain:
+            out.append(with_plain(ctx, current, [t]))
         plain = Term("coulomb_friction", t.place)
-        if t.law in ELABORATE and plain in s.terms and compatible(h, plain):
+        if t.plain in ELABORATE and plain in s.terms and compatible(h, plain):
             start = {plain: np.array([max(float(parts[t][0]), plain.params(ctx)[0].scale)])}
             h = h.with_term(plain)
             out.append(Fitted(h, h.gather(ctx, {**parts, **start}), h.gather(ctx, {**centres, **start})))

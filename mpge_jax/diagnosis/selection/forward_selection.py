@@ -7,9 +7,9 @@ import time
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored, clearly_worse
 from mpge_jax.diagnosis.selection.all_joints import due, everywhere
+from mpge_jax.diagnosis.selection.closer_forms import closer
 from mpge_jax.diagnosis.selection.competition import at_noise, compete
 from mpge_jax.diagnosis.selection.criteria import accept, choose
-from mpge_jax.diagnosis.selection.elastic_friction import giving_way
 from mpge_jax.diagnosis.selection.search_state import Search
 
 REST = 2.0
@@ -28,7 +28,7 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
         depth = len(current.hypothesis.terms)
         s.say(f"looking for effect {depth + 1}{_time_left(began, rounds)}")
         rounds += 1
-        current = giving_way(s, current)
+        current = closer(s, current)
         ranked, base = compete(s, current, s.terms)
         current = base.fit
         chosen = _chosen(s, ranked, base) if ranked else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.effects.inertia import GivenInertias
+from mpge_jax.diagnosis.effects.inertia.given import GivenInertias
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt

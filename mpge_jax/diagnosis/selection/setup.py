@@ -10,7 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.candidates import all_terms
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.effects.inertia import given_inertias
+from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.estimation.whitening import whitener
 from mpge_jax.diagnosis.evidence.null_distribution import floor, force_noise

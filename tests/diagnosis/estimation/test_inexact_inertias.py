@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.inertia import given_inertias
+from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inertias
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit

@@ -11,7 +11,7 @@ import pytest
 
 from mpge_jax.diagnosis.effects.candidates import all_terms, compatible
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.effects.inertia import given_inertias
+from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.single_step import Machine

@@ -12,6 +12,8 @@ from mpge_jax.diagnosis.effects.friction.scales import damping_param, torque_par
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.machine.model import actuators_of_joint
 
+ELASTIC = ":elastic"
+"""How the identifier of the form of a law ends that gives way before it slides."""
 SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)
 """Impedance of dry friction: 1 % of the mobility is left as regularisation."""
 
@@ -29,9 +31,9 @@ def stiff_dry_friction(f: Fields, ctx: Context, dof: int, like: Array) -> None:
 
 
 class Dry(Effect):
-    """What laws of dry friction have in common. They are listed as they slide; each has an `elastic` form too."""
+    """What laws of dry friction have in common."""
 
-    kinds = ("joint",)
+    kinds, closer = ("joint",), ELASTIC
     fields = FIELDS
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:

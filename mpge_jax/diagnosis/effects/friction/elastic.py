@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import ELASTIC, REGISTRY, Effect
+from mpge_jax.diagnosis.effects.base import Effect
+from mpge_jax.diagnosis.effects.closer import Closer, closer_form
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
-from mpge_jax.diagnosis.effects.friction.dry import Dry
+from mpge_jax.diagnosis.effects.friction.dry import ELASTIC
 from mpge_jax.diagnosis.effects.step import Array, Forces, Step
 
 DAMPED = 0.3
 """Damping of the bristles to start from, in units of what is critical for the joint's inertia on their spring."""
-OWN = 2
-"""Parameters beyond those of the law."""
 STIFFEST = 0.25
 """Stiffness of the bristles, at most, in units of the joint's inertia over the squared timestep."""
 REMEMBERED = 0.2
@@ -24,7 +22,8 @@ BENT = (3e-4, 2e-3, 1e-2)
 """How far they bend to start from, in units of the joint's travel."""
 
 
-class Elastic(Effect):
+@closer_form
+class Elastic(Closer):
     """A law of dry friction whose bristles bend before they slide (LuGre; Canudas de Wit et al., 1995).
 
     They carry what the law says once they slide; until then they are a damped spring. Its compliance and damping are
@@ -32,54 +31,31 @@ class Elastic(Effect):
     are bent.
     """
 
+    ending, further = ELASTIC, 2
+    adds = "; before it slides it gives way like a spring of {stiffness}."
     runtime = inertial = True
 
-    def __init__(self, law: Effect) -> None:
-        self.law = law
-        self.id, self.kinds, self.tier, self.order = law.id + ELASTIC, law.kinds, law.tier + 1, law.order
-        self.external, self.confused_with, self.remedy = law.external, law.confused_with, law.remedy
-        self.equation = f"s z, dz/dt = v - s |v| z / F, where F is the size of {law.equation}"
-        self.says = (
-            law.says.removesuffix(".") + "; before it slides it gives way like a spring of {stiffness}."
-        )
+    def __init__(self, plain: Effect) -> None:
+        super().__init__(plain)
+        self.equation = f"s z, dz/dt = v - s |v| z / F, where F is the size of {plain.equation}"
 
-    def places(self, ctx: Context) -> list[Place]:
-        return self.law.places(ctx)
+    def own(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        scale = 1e-3 * _travel(ctx, place) / self.plain.params(ctx, place)[0].scale
+        compliance = Param("compliance", joint_unit(ctx, place, "rad/(N m)", "m/N"), 0.0, 1e3 * scale, scale)
+        return compliance, Param("damping_ratio", "1", 0.0, 2.0, 0.1, prior=0.3)
 
-    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        own = self.law.params(ctx, place)
-        scale = 1e-3 * max(float(ctx.travel[ctx.dof(place)]), 1e-9) / own[0].scale
-        unit = joint_unit(ctx, place, "rad/(N m)", "m/N")
-        compliance = Param("compliance", unit, 0.0, 1e3 * scale, scale)
-        return (*own, compliance, Param("damping_ratio", "1", 0.0, 2.0, 0.1, prior=0.3))
+    def starts_from(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        slides = max(float(theta[0]), self.plain.params(ctx, place)[0].scale)
+        return np.array([[*theta, k * _travel(ctx, place) / slides, DAMPED] for k in BENT])
 
-    def starts(self, ctx: Context, place: Place) -> np.ndarray:
-        return np.concatenate([self.bent(ctx, place, x) for x in self.law.starts(ctx, place)])
+    def report_own(self, own: np.ndarray) -> dict[str, np.ndarray]:
+        return {"stiffness": 1.0 / np.maximum(own[..., 0], 1e-12), "damping_ratio": own[..., 1]}
 
-    def bent(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
-        """Starts [k, p] from the parameters of the law."""
-        slides = max(float(theta[0]), self.law.params(ctx, place)[0].scale)
-        travel = max(float(ctx.travel[ctx.dof(place)]), 1e-9)
-        return np.array([[*theta, k * travel / slides, DAMPED] for k in BENT])
+    def own_from_report(self, values: dict[str, Any]) -> list[float]:
+        return [1.0 / float(values["stiffness"]), float(values["damping_ratio"])]
 
-    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
-        own = {"stiffness": 1.0 / np.maximum(theta[..., -OWN], 1e-12), "damping_ratio": theta[..., -1]}
-        return self.law.report(ctx, place, theta[..., :-OWN]) | own
-
-    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
-        own = [1.0 / float(values["stiffness"]), float(values["damping_ratio"])]
-        return np.append(self.law.from_report(ctx, place, values), own)
-
-    def units(self, ctx: Context, place: Place) -> dict[str, str]:
-        own = {"stiffness": joint_unit(ctx, place, "N m/rad", "N/m"), "damping_ratio": "1"}
-        return self.law.units(ctx, place) | own
-
-    def naming(self, ctx: Context, place: Place) -> list[int]:
-        return self.law.naming(ctx, place)
-
-    def contrasts(self, ctx: Context, place: Place) -> np.ndarray:
-        own = self.law.contrasts(ctx, place)
-        return np.concatenate([own, np.zeros((len(own), OWN))], axis=1)
+    def own_units(self, ctx: Context, place: Place) -> dict[str, str]:
+        return {"stiffness": joint_unit(ctx, place, "N m/rad", "N/m"), "damping_ratio": "1"}
 
     def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         return np.full(len(theta), REMEMBERED)
@@ -90,29 +66,17 @@ class Elastic(Effect):
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
-        forces, _ = self.law.force(xp, ctx, place, theta[..., :-OWN], s, ())
+        forces, _ = self.plain.force(xp, ctx, place, theta[..., : -self.further], s, ())
         # what the engine knows of a law is its first parameter
         slides = xp.maximum(theta[..., 0] if forces.dry is None else forces.dry, 1e-12)
         (before,), v = memory, s.v[..., ctx.dof(place)]
         inertia = s.inertia(ctx.dof(place))
-        stiffness = 1.0 / xp.maximum(theta[..., -OWN], s.dt**2 / (STIFFEST * inertia))
+        stiffness = 1.0 / xp.maximum(theta[..., -2], s.dt**2 / (STIFFEST * inertia))
         bent = (before + v * s.dt) / (1.0 + stiffness * xp.abs(v) * s.dt / slides)
         damping = 2.0 * theta[..., -1] * xp.sqrt(stiffness * inertia)
         pull = stiffness * bent + damping * (bent - before) / s.dt
         return Forces(joint=-pull if forces.joint is None else forces.joint - pull), (bent,)
 
 
-@lru_cache(maxsize=64)
-def elastic_of(form: str) -> Elastic:
-    """The effect of an identifier.
-
-    Raises:
-        KeyError: it is none of an elastic form.
-    """
-    law = dict.get(REGISTRY, form.removesuffix(ELASTIC))
-    if not form.endswith(ELASTIC) or not isinstance(law, Dry):
-        raise KeyError(form)
-    return Elastic(law)
-
-
-REGISTRY.forms[ELASTIC[1:]] = elastic_of
+def _travel(ctx: Context, place: Place) -> float:
+    return max(float(ctx.travel[ctx.dof(place)]), 1e-9)

@@ -94,12 +94,12 @@ def test_it_takes_the_place_of_its_law_and_is_reported_under_its_name():
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
     (place,) = REGISTRY[ID].places(ctx)
     elastic, plain, damping = (Term(i, place) for i in (ID, "stribeck_friction", "viscous_damping"))
-    assert elastic.name == elastic.law == "coulomb_friction"
-    assert Term("load_dependent_friction:gear:elastic", place).law == "load_dependent_friction:gear"
+    assert elastic.name == elastic.plain == "coulomb_friction"
+    assert Term("load_dependent_friction:gear:elastic", place).plain == "load_dependent_friction:gear"
     assert not compatible(Hypothesis.of(elastic), plain) and not compatible(Hypothesis.of(plain), elastic)
     assert compatible(Hypothesis.of(elastic), damping)
     # it is no candidate by itself
-    assert all(t.id == t.law for t in all_terms(ctx))
+    assert all(t.id == t.plain for t in all_terms(ctx))
     text = elastic.effect.sentence(
         place, {"torque": "3 N m", "stiffness": "100 N m/rad", "damping_ratio": "0.3"}
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
-from mpge_jax.diagnosis.selection.elastic_friction import giving_way, with_rigid
+from mpge_jax.diagnosis.selection.closer_forms import closer, with_plain
 from mpge_jax.diagnosis.selection.forward_selection import search
 from tests.diagnosis.machines import PENDULUM, record
 from tests.diagnosis.searches import COULOMB, fitted, search_of
@@ -51,11 +51,11 @@ def test_it_is_found_named_as_its_law_and_leaves_nothing_for_others(elastic):
     assert values["damping_ratio"] == pytest.approx(DAMPED, abs=0.05)
     # it is not taken back as what is not needed
     assert prune(elastic, found).hypothesis == found.hypothesis
-    rigid = with_rigid(elastic.sim.ctx, found, [term])
+    rigid = with_plain(elastic.sim.ctx, found, [term])
     assert rigid.hypothesis.terms == (COULOMB,) and rigid.theta.tolist() == found.theta[:1].tolist()
 
 
 def test_friction_that_does_not_give_way_stays_rigid_though_something_else_is_left():
     s = _search(change=_rigid)
     current = fitted(s, {COULOMB: [SLIDES]})
-    assert giving_way(s, current) is current
+    assert closer(s, current) is current

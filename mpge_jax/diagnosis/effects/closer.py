@@ -1,0 +1,102 @@
+"""Closer forms: an effect without one of its idealisations, under the same name and with more parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
+from mpge_jax.diagnosis.effects.context import Context, Param, Place
+
+
+class Closer(Effect):
+    """A closer form of an effect. It is no candidate by itself: it is asked for where the plain one stands.
+
+    Its parameters are those of the plain one and `further` ones of its own, of which the first vanishes where the plain
+    one is as good.
+    """
+
+    ending: str = ""
+    """How its identifier ends, after that of the plain one."""
+    adds: str = ""
+    """What it adds to the plain one's sentence."""
+    further = 1
+    """How many parameters are its own."""
+
+    def __init__(self, plain: Effect) -> None:
+        self.plain = plain
+        self.id, self.kinds, self.tier, self.order = (
+            plain.id + self.ending,
+            plain.kinds,
+            plain.tier + 1,
+            plain.order,
+        )
+        self.external, self.confused_with, self.remedy = plain.external, plain.confused_with, plain.remedy
+        self.says = plain.says.removesuffix(".") + self.adds
+
+    def own(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        """Its own parameters."""
+        raise NotImplementedError
+
+    def starts_from(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        """Starts [k, p] from the parameters of the plain one."""
+        raise NotImplementedError
+
+    def places(self, ctx: Context) -> list[Place]:
+        return self.plain.places(ctx)
+
+    def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        return (*self.plain.params(ctx, place), *self.own(ctx, place))
+
+    def starts(self, ctx: Context, place: Place) -> np.ndarray:
+        return np.concatenate([self.starts_from(ctx, place, x) for x in self.plain.starts(ctx, place)])
+
+    def naming(self, ctx: Context, place: Place) -> list[int]:
+        return self.plain.naming(ctx, place)
+
+    def contrasts(self, ctx: Context, place: Place) -> np.ndarray:
+        plain = self.plain.contrasts(ctx, place)
+        return np.concatenate([plain, np.zeros((len(plain), self.further))], axis=1)
+
+    def null(self, ctx: Context, place: Place) -> np.ndarray:
+        return np.append(self.plain.null(ctx, place), np.zeros(self.further))
+
+    def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
+        plain, own = theta[..., : -self.further], theta[..., -self.further :]
+        return self.plain.report(ctx, place, plain) | self.report_own(own)
+
+    def report_own(self, own: np.ndarray) -> dict[str, np.ndarray]:
+        """Its own parameters [..., further], as the report names them."""
+        raise NotImplementedError
+
+    def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
+        return np.append(self.plain.from_report(ctx, place, values), self.own_from_report(values))
+
+    def own_from_report(self, values: dict[str, Any]) -> list[float]:
+        """Inverse of `report_own`."""
+        raise NotImplementedError
+
+    def units(self, ctx: Context, place: Place) -> dict[str, str]:
+        return self.plain.units(ctx, place) | self.own_units(ctx, place)
+
+    def own_units(self, ctx: Context, place: Place) -> dict[str, str]:
+        """Units of `report_own`."""
+        raise NotImplementedError
+
+
+def closer_form(made: type[Closer]) -> type[Closer]:
+    """Class decorator: effects whose `closer` is the ending of this form have it, under their identifier with that."""
+
+    @lru_cache(maxsize=64)
+    def of(form: str) -> Closer:
+        plain = dict.get(REGISTRY, form.removesuffix(made.ending))
+        if plain is None or plain.closer != made.ending:
+            raise KeyError(form)
+        return made(plain)
+
+    known: Callable[[str], Effect] = of
+    REGISTRY.forms[made.ending[1:]] = known
+    return made
