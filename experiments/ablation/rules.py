@@ -169,7 +169,7 @@ GATES = (
     ),
     Gate(
         "closer forms",
-        "it is asked whether dry friction gives way before it slides, and whether a payload has an extent",
+        "it is asked whether dry friction gives way before it slides, a payload has an extent, a spring hardens",
         (),
         "selection.closer_forms:closer",
         given(1),

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect, register
+from mpge_jax.diagnosis.effects.closer import Closer, closer_form
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 
@@ -17,6 +18,10 @@ AT_ONCE = 64
 """Numbers of periods that are tried at once."""
 OUTLYING = 3.0
 """Medians of the missing torque beyond which a sample is wild (impacts)."""
+HARDENING = ":hardening"
+"""How the identifier of the form of a spring ends that is not linear."""
+BENDING = (0.1, -0.1, 0.5)
+"""By how much more its stiffness may be, to start from, at a deflection as large as the joint's travel."""
 
 
 def waves(
@@ -38,7 +43,7 @@ def waves(
 class JointStiffness(Effect):
     """Fitted as -k q + c; c = k q0."""
 
-    id, kinds = "joint_stiffness", ("joint",)
+    id, kinds, closer = "joint_stiffness", ("joint",), HARDENING
     equation = "-k (q - q0)"
     says = "A spring of {stiffness} that the model lacks pulls the {at} towards {reference}."
     fields = ("jnt_stiffness", "qpos_spring")
@@ -46,8 +51,7 @@ class JointStiffness(Effect):
     remedy = "sweep the joint slowly through its whole range"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        dof = ctx.dof(place)
-        torque, travel = float(ctx.torque[dof]), max(float(ctx.travel[dof]), 1e-3)
+        torque, travel = _sizes(ctx, place)
         k = torque / travel
         return (
             Param("stiffness", joint_unit(ctx, place, "N m/rad", "N/m"), 1e-4 * k, 100 * k, 0.1 * k),
@@ -69,6 +73,51 @@ class JointStiffness(Effect):
 
     def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
         return np.array([values["stiffness"], values["stiffness"] * values["reference"]], dtype=float)
+
+
+@closer_form
+class HardeningSpring(Closer):
+    """A spring that grows stiffer, or softer, with its deflection."""
+
+    ending = HARDENING
+    adds = "; to that come {cubic} times the cube of its deflection."
+    runtime = True
+    fields = JointStiffness.fields
+    equation = "-k (q - q0) - c (q - q0)^3"
+
+    def own(self, ctx: Context, place: Place) -> tuple[Param, ...]:
+        torque, travel = _sizes(ctx, place)
+        cubic = torque / travel**3
+        unit = joint_unit(ctx, place, "N m/rad^3", "N/m^3")
+        return (Param("cubic", unit, -3.0 * cubic, 300.0 * cubic, 0.1 * cubic),)
+
+    def starts_from(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        _, travel = _sizes(ctx, place)
+        return np.array([[*theta, k * theta[0] / travel**2] for k in BENDING])
+
+    def report_own(self, own: np.ndarray) -> dict[str, np.ndarray]:
+        return {"cubic": own[..., 0]}
+
+    def own_from_report(self, values: dict[str, Any]) -> list[float]:
+        return [float(values["cubic"])]
+
+    def own_units(self, ctx: Context, place: Place) -> dict[str, str]:
+        return {"cubic": joint_unit(ctx, place, "N m/rad^3", "N/m^3")}
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        self.plain.model(f, ctx, place, theta[..., :-1])
+
+    def force(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+    ) -> tuple[Forces, Any]:
+        deflection = s.q[..., ctx.qadr(place)] - theta[..., 1] / theta[..., 0]
+        return Forces(joint=-theta[..., 2] * deflection**3), memory
+
+
+def _sizes(ctx: Context, place: Place) -> tuple[float, float]:
+    """Typical torque and travel of a joint."""
+    dof = ctx.dof(place)
+    return float(ctx.torque[dof]), max(float(ctx.travel[dof]), 1e-3)
 
 
 @register

@@ -1,6 +1,6 @@
 """Whether a form of an effect that idealises less is closer to what acts: dry friction that gives way before it slides,
-a payload that has an extent. What the plain form leaves would be taken for something else (a flexible drive, masses
-that are off), and the parameters would bear it."""
+a payload that has an extent, a spring that hardens. What the plain form leaves would be taken for something else (a
+flexible drive, masses that are off), and the parameters would bear it."""
 
 from __future__ import annotations
 
@@ -90,4 +90,4 @@ def _differs(ctx: Context, f: Fitted, term: Term) -> bool:
     """Whether a closer form's first own parameter differs from none."""
     further = term.effect.further if isinstance(term.effect, Closer) else 0
     i = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(term)].stop - further
-    return bool(f.theta[i] > NAMED * np.sqrt(max(f.cov[i, i], 0.0)))
+    return bool(abs(f.theta[i]) > NAMED * np.sqrt(max(f.cov[i, i], 0.0)))
