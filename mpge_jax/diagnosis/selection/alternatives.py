@@ -79,7 +79,8 @@ def find_rivals(
             nearest = {f.hypothesis for f in near}
             far = [f for f in fits if f.hypothesis not in nearest]
             fits = [*fit(s.sim, near, s.train, whites[0], iterations=1 if many else 3), *far]
-        if term.id in PLAIN_LAWS and (best.losses.mean() > SETTLED or best.factor > 1.0):
+        unsettled = best.losses.mean() > SETTLED or best.factor > 1.0
+        if term.id in PLAIN_LAWS and (unsettled or _pushed(ctx, best.fit.hypothesis, term)):
             fits += _richer(s, best, whites[0], sample, term)
         rivals = []
         for r in s.score(fits, whites):
@@ -132,6 +133,12 @@ def _richer(
             best_of[f.hypothesis] = f
     promising = sorted(best_of.values(), key=lambda f: f.loss)[:RICHER]
     return fit(s.sim, promising, s.train, white, iterations=4)
+
+
+def _pushed(ctx: Context, h: Hypothesis, term: Term) -> bool:
+    """Whether a bias acts at a joint that rubs: the two may be friction that differs by direction."""
+    here = _joints(ctx, term.place)
+    return any(t.name == "actuator_bias" and _joints(ctx, t.place) == here for t in h.terms)
 
 
 def _same(a: Term, b: Term) -> bool:

@@ -1,0 +1,47 @@
+"""One effect in place of several."""
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.selection import alternatives
+from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
+from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
+from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.searches import COULOMB, DAMPING, HINGE, MOTOR, fitted, search_of
+
+BIAS, BY_DIRECTION = Term("actuator_bias", MOTOR), Term("asymmetric_friction", HINGE)
+
+
+def _settled(change, *terms: Term) -> Hypothesis:
+    """What is left of some effects of a motor's joint once a better rival has taken the place of one."""
+    s, _ = search_of(PENDULUM, record(PENDULUM, 0.8, change=change[0], force=change[1], seconds=3.0))
+    f, whites = final_fit(s, fitted(s, {t: [0.03] for t in terms}))
+    better = better_rival(find_rivals(s, s.score([f], whites)[0], whites, []))
+    return f.hypothesis if better is None else prune(s, better.fit).hypothesis
+
+
+def _rubbing(model: mujoco.MjModel) -> None:
+    model.dof_frictionloss[0] = 0.06
+    model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+
+def test_friction_that_differs_by_direction_takes_the_place_of_friction_and_a_bias_of_the_drive(monkeypatch):
+    """0.06 N m and a push of 0.03 N m while it moves, and damping of 0.02 forwards, 0.1 N m s/rad backwards."""
+
+    def force(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        v = float(data.qvel[0])
+        data.qfrc_applied[0] += -0.02 * v if v > 0 else -0.1 * v
+        # nothing pushes while it stands
+        data.qfrc_applied[0] += 0.03 * min(abs(v) / 1e-3, 1.0)
+
+    # as where only few windows are missed, in a large machine
+    monkeypatch.setattr(alternatives, "SETTLED", np.inf)
+    assert _settled((_rubbing, force), COULOMB, DAMPING, BIAS).terms == (BY_DIRECTION,)
+
+
+def test_friction_beside_a_bias_stays_what_it_is():
+    def force(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_applied[0] += 0.05
+
+    assert set(_settled((_rubbing, force), COULOMB, BIAS).terms) == {BIAS, COULOMB}
