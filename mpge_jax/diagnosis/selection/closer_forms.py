@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.selection.criteria import needed
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import NAMED
 
-ITERATIONS = 6
+ITERATIONS = 12
 
 
 def closer(s: Search, current: Fitted) -> Fitted:
