@@ -42,7 +42,7 @@ def closer(s: Search, current: Fitted) -> Fitted:
     if not found:
         return current
     whites = s.whiten(best)
-    old = fit(s.sim, [current], s.train, whites[0], iterations=ITERATIONS)[0]
+    best, old = fit(s.sim, [best, current], s.train, whites[0], iterations=ITERATIONS)
     new, before = s.score([best, old], whites)
     better = needed(new, before, 1, found)
     s.log.append(
