@@ -95,15 +95,6 @@ class HardeningSpring(Closer):
         _, travel = _sizes(ctx, place)
         return np.array([[*theta, k * theta[0] / travel**2] for k in BENDING])
 
-    def report_own(self, own: np.ndarray) -> dict[str, np.ndarray]:
-        return {"cubic": own[..., 0]}
-
-    def own_from_report(self, values: dict[str, Any]) -> list[float]:
-        return [float(values["cubic"])]
-
-    def own_units(self, ctx: Context, place: Place) -> dict[str, str]:
-        return {"cubic": joint_unit(ctx, place, "N m/rad^3", "N/m^3")}
-
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         self.plain.model(f, ctx, place, theta[..., :-1])
 

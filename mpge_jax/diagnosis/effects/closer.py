@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -66,25 +65,25 @@ class Closer(Effect):
 
     def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
         plain, own = theta[..., : -self.further], theta[..., -self.further :]
-        return self.plain.report(ctx, place, plain) | self.report_own(own)
+        return self.plain.report(ctx, place, plain) | self.report_own(ctx, place, own)
 
-    def report_own(self, own: np.ndarray) -> dict[str, np.ndarray]:
+    def report_own(self, ctx: Context, place: Place, own: np.ndarray) -> dict[str, np.ndarray]:
         """Its own parameters [..., further], as the report names them."""
-        raise NotImplementedError
+        return {p.name: own[..., i] for i, p in enumerate(self.own(ctx, place))}
 
     def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
-        return np.append(self.plain.from_report(ctx, place, values), self.own_from_report(values))
+        return np.append(self.plain.from_report(ctx, place, values), self.own_from_report(ctx, place, values))
 
-    def own_from_report(self, values: dict[str, Any]) -> list[float]:
+    def own_from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> list[float]:
         """Inverse of `report_own`."""
-        raise NotImplementedError
+        return [float(values[p.name]) for p in self.own(ctx, place)]
 
     def units(self, ctx: Context, place: Place) -> dict[str, str]:
         return self.plain.units(ctx, place) | self.own_units(ctx, place)
 
     def own_units(self, ctx: Context, place: Place) -> dict[str, str]:
         """Units of `report_own`."""
-        raise NotImplementedError
+        return {p.name: p.unit for p in self.own(ctx, place)}
 
 
 def closer_form(made: type[Closer]) -> type[Closer]:
@@ -97,6 +96,5 @@ def closer_form(made: type[Closer]) -> type[Closer]:
             raise KeyError(form)
         return made(plain)
 
-    known: Callable[[str], Effect] = of
-    REGISTRY.forms[made.ending[1:]] = known
+    REGISTRY.forms[made.ending[1:]] = of
     return made

@@ -52,20 +52,16 @@ def recordings_differ(p: Problem, source: Array) -> Array:
 def _by_window(p: Problem) -> tuple[Array, Array, Array, Array]:
     """Information [W, p, p] and scores [W, p] of the windows, the precision [p, p] of all with the prior, and the
     deviations [p] that make it a matrix of ones on the diagonal."""
-    j, weight = p.jacobian, _weight(p)
+    j, weight = p.jacobian, p.weight
     parts = np.einsum("w,pwm,qwm->wpq", weight, j, j, optimize=True)
     scores = np.einsum("w,pwm,wm->wp", weight, j, p.whitened, optimize=True)
     precision = parts.sum(0) + np.diag(1.0 / prior_widths(p.params) ** 2)
     return parts, scores, precision, 1.0 / np.sqrt(np.diag(precision))
 
 
-def _weight(p: Problem) -> Array:
-    return 1.0 / (1.0 + p.fit.x / 5.0)
-
-
 def _misfit(p: Problem) -> float:
     """Squared error of a window over that of noise, 1 at least."""
-    return max(1.0, float(np.average(p.fit.x, weights=_weight(p))))
+    return max(1.0, float(np.average(p.fit.x, weights=p.weight)))
 
 
 def jackknife(precision: Array, parts: Array, scores: Array, scale: Array) -> tuple[Array, Array]:

@@ -196,19 +196,25 @@ def _linearise(sim: Simulator, problems: list[Problem], w: Windows, white: White
         p.fit = _judged(p, p.fit.theta, flat[0], w, white)
 
 
-def as_wide_as_recordings_differ(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Fitted:
-    """`f` with intervals that hold by how much single recordings say otherwise."""
+def _standing(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Problem:
+    """A fit where it stands, with its residuals and slopes there."""
     p = Problem(f, f.hypothesis.params(sim.ctx))
     _verify(sim, [p], w, white, 0.0)
-    return replace(f, cov=widened(f.cov, np.sqrt(recordings_differ(p, w.source)))) if f.cov.size else f
+    return p
+
+
+def as_wide_as_recordings_differ(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Fitted:
+    """`f` with intervals that hold by how much single recordings say otherwise."""
+    if not f.cov.size:
+        return f
+    p = _standing(sim, f, w, white)
+    return replace(f, cov=widened(f.cov, np.sqrt(recordings_differ(p, w.source))))
 
 
 def gauss_newton_shift(sim: Simulator, f: Fitted, w: Windows, white: Whitener, moved: Array) -> Array:
     """Change of theta [p] when the whitened residuals [W, M] at `f` become `moved`, to first order."""
-    p = Problem(f, f.hypothesis.params(sim.ctx))
-    _verify(sim, [p], w, white, 0.0)
-    weight = 1.0 / (1.0 + p.fit.x / 5.0)
-    j = p.jacobian
+    p = _standing(sim, f, w, white)
+    j, weight = p.jacobian, p.weight
     h = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)
     h = h + np.diag(1.0 / prior_widths(p.params) ** 2)
     g = np.einsum("w,pwm,wm->p", weight, j, moved - p.whitened, optimize=True)

@@ -46,6 +46,11 @@ class Problem:
     last: bool = False
     done: bool = False
 
+    @property
+    def weight(self) -> Array:
+        """[W] by how much each window counts: less, the worse it is missed."""
+        return 1.0 / (1.0 + self.fit.x / 5.0)
+
     def steps(self) -> Array:
         """Finite-difference steps [p] that stay inside the bounds."""
         _, high = bounds(self.params)
@@ -60,7 +65,7 @@ def proposals(p: Problem, ctx: Context) -> list[Array]:
 
     Through impacts slopes are steep and hold over next to nothing: windows with many would let no step be taken.
     """
-    weight = 1.0 / (1.0 + p.fit.x / 5.0)
+    weight = p.weight
     out = [_step(p, weight, damping) for damping in (p.damping, 100 * p.damping + 0.3)]
     if ctx.contacts:
         size = np.einsum("pwm,pwm,p->w", p.jacobian, p.jacobian, prior_widths(p.params) ** 2, optimize=True)

@@ -35,7 +35,7 @@ def closer(s: Search, current: Fitted) -> Fitted:
     if best.loss >= evaluate(s.sim, [current], *sample)[0].loss:
         return current
     best = fit(s.sim, [best], s.train, white, iterations=ITERATIONS)[0]
-    idle = [t for t in best.hypothesis.terms if isinstance(t.effect, Closer) and not _differs(ctx, best, t)]
+    idle = [t for t in best.hypothesis.terms if t.id != t.plain and not _differs(ctx, best, t)]
     if idle:
         best = fit(s.sim, [with_plain(ctx, best, idle)], s.train, white, iterations=ITERATIONS)[0]
     found = len(set(best.hypothesis.terms) - set(current.hypothesis.terms))
@@ -57,8 +57,7 @@ def _with_closer(ctx: Context, f: Fitted, terms: list[Term]) -> list[Fitted]:
     parts, starts = f.hypothesis.split(ctx, f.theta), {}
     for t in terms:
         form = Term(t.id + t.effect.closer, t.place)
-        if isinstance(form.effect, Closer):
-            starts[t] = form, form.effect.starts_from(ctx, t.place, parts[t])
+        starts[t] = form, _closer(form).starts_from(ctx, t.place, parts[t])
     return [
         _exchanged(ctx, f, {t: (form, each[min(k, len(each) - 1)]) for t, (form, each) in starts.items()})
         for k in range(max(len(each) for _, each in starts.values()))
@@ -68,15 +67,8 @@ def _with_closer(ctx: Context, f: Fitted, terms: list[Term]) -> list[Fitted]:
 def with_plain(ctx: Context, f: Fitted, terms: list[Term]) -> Fitted:
     """`f` with the plain forms of some of its closer ones."""
     parts = f.hypothesis.split(ctx, f.theta)
-    return _exchanged(
-        ctx,
-        f,
-        {
-            t: (Term(t.plain, t.place), parts[t][: -t.effect.further])
-            for t in terms
-            if isinstance(t.effect, Closer)
-        },
-    )
+    plain = {t: (Term(t.plain, t.place), parts[t][: -_closer(t).further]) for t in terms}
+    return _exchanged(ctx, f, plain)
 
 
 def _exchanged(ctx: Context, f: Fitted, others: dict[Term, tuple[Term, np.ndarray]]) -> Fitted:
@@ -88,6 +80,12 @@ def _exchanged(ctx: Context, f: Fitted, others: dict[Term, tuple[Term, np.ndarra
 
 def _differs(ctx: Context, f: Fitted, term: Term) -> bool:
     """Whether a closer form's first own parameter differs from none."""
-    further = term.effect.further if isinstance(term.effect, Closer) else 0
-    i = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(term)].stop - further
+    i = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(term)].stop - _closer(term).further
     return bool(abs(f.theta[i]) > NAMED * np.sqrt(max(f.cov[i, i], 0.0)))
+
+
+def _closer(term: Term) -> Closer:
+    """The effect of a term that is a closer form."""
+    effect = term.effect
+    assert isinstance(effect, Closer)
+    return effect

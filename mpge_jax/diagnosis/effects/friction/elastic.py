@@ -48,10 +48,10 @@ class Elastic(Closer):
         slides = max(float(theta[0]), self.plain.params(ctx, place)[0].scale)
         return np.array([[*theta, k * _travel(ctx, place) / slides, DAMPED] for k in BENT])
 
-    def report_own(self, own: np.ndarray) -> dict[str, np.ndarray]:
+    def report_own(self, ctx: Context, place: Place, own: np.ndarray) -> dict[str, np.ndarray]:
         return {"stiffness": 1.0 / np.maximum(own[..., 0], 1e-12), "damping_ratio": own[..., 1]}
 
-    def own_from_report(self, values: dict[str, Any]) -> list[float]:
+    def own_from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> list[float]:
         return [1.0 / float(values["stiffness"]), float(values["damping_ratio"])]
 
     def own_units(self, ctx: Context, place: Place) -> dict[str, str]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect
@@ -37,15 +35,6 @@ class ExtendedPayload(Closer):
     def starts_from(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         _, size = self.shape(ctx, place)
         return np.array([[*theta, k * size] for k in SPREAD])
-
-    def report_own(self, own: np.ndarray) -> dict[str, np.ndarray]:
-        return {"gyration_radius": own[..., 0]}
-
-    def own_from_report(self, values: dict[str, Any]) -> list[float]:
-        return [float(values["gyration_radius"])]
-
-    def own_units(self, ctx: Context, place: Place) -> dict[str, str]:
-        return {"gyration_radius": "m"}
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         self.plain.model(f, ctx, place, theta[..., :-1])
