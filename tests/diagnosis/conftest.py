@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import pytest
 
-from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.machines import PENDULUM, really_sticks, record
 from tests.diagnosis.searches import search_of
 
 
@@ -18,6 +18,6 @@ def null():
 def rubbing():
     def change(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0] = 0.1
-        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+        really_sticks(model, 0)
 
     return search_of(PENDULUM, record(PENDULUM, 0.8, change=change))

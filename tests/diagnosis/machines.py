@@ -46,6 +46,11 @@ def excitation(kind: int, t: float, phase: np.ndarray, size: np.ndarray) -> np.n
     return size * (0.3 + 0.2 * t) * np.sin(2 * np.pi * (0.3 + 0.4 * t) * t + phase)
 
 
+def really_sticks(model: mujoco.MjModel, dof: int | slice = slice(None)) -> None:
+    """Let dry friction stop joints within a timestep: by its own, MuJoCo's creeps."""
+    model.dof_solref[dof], model.dof_solimp[dof] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+
+
 def record(
     xml: str,
     size: float | list[float],

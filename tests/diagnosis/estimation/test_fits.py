@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import _better, fit, timing_error
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, refined
-from tests.diagnosis.machines import BOX, PENDULUM, record
+from tests.diagnosis.machines import BOX, PENDULUM, really_sticks, record
 from tests.diagnosis.searches import COULOMB, DAMPING, HINGE, fitted, search_of
 
 
@@ -144,7 +144,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
 
     def change(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0], model.dof_damping[0] = true[COULOMB], model.dof_damping[0] + true[DAMPING]
-        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+        really_sticks(model, 0)
 
     for seed in range(12):
         s, p = search_of(PENDULUM, record(PENDULUM, 0.8, change=change, noise=1e-3, seed=seed))

@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.measurement.encoder_zeros import (
     other_zeros,
     with_zeros,
 )
-from tests.diagnosis.machines import ARM, BOX, record
+from tests.diagnosis.machines import ARM, BOX, really_sticks, record
 from tests.diagnosis.searches import prepared_of
 
 SIZE = [1.5, 0.6]
@@ -85,7 +85,7 @@ def test_nothing_is_said_of_machines_that_strike_things():
 def test_a_held_out_session_with_other_zeros_does_not_hide_what_is_missing():
     def rub(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0] = 0.3
-        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+        really_sticks(model, 0)
 
     runs = shifted(record(ARM, SIZE, rub, count=5, seconds=5.0), {1: [0.03, 0.05], 4: [0.06, -0.05]})
     tried = (

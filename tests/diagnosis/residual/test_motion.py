@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.residual import motion, roll_out
 from mpge_jax.diagnosis.residual.inputs import places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, with_function
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
-from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.machines import PENDULUM, really_sticks, record
 from tests.diagnosis.searches import COULOMB, GAIN, HINGE, fitted, search_of
 
 
@@ -42,7 +42,7 @@ def test_a_law_of_angle_and_speed_is_learned(grinding):
 def test_dry_friction_that_depends_on_the_angle_is_learned():
     def force(model, data):
         model.dof_frictionloss[0] = 0.1 * (1.0 + np.tanh(4.0 * data.qpos[0]))
-        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+        really_sticks(model, 0)
 
     s, p = search_of(PENDULUM, record(PENDULUM, 0.35, force=force, count=4, seconds=2.5))
     held = fit_report(p, NOTHING, "test")

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.selection.alternatives import _all_drives_weaker
-from tests.diagnosis.machines import record
+from tests.diagnosis.machines import really_sticks, record
 from tests.diagnosis.searches import search_of
 
 FACTOR, FRICTION = 1.5, np.array([0.2, 0.1])
@@ -28,7 +28,7 @@ def _heavier(model: mujoco.MjModel) -> None:
     model.body_mass[:] *= FACTOR
     model.body_inertia[:] *= FACTOR
     model.dof_frictionloss[:] = FRICTION
-    model.dof_solref[:], model.dof_solimp[:] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+    really_sticks(model)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3])

@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.selection import all_joints
 from mpge_jax.diagnosis.selection.all_joints import everywhere
 from mpge_jax.diagnosis.selection.competition import at_noise
-from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.machines import ARM, really_sticks, record
 from tests.diagnosis.searches import search_of
 
 FRICTION, ROTOR = np.array([0.25, 0.12]), np.array([0.03, 0.02])
@@ -31,13 +31,9 @@ def _fitted(s, theta: dict[str, float]) -> Fitted:
     return Fitted(h, values, values)
 
 
-def _stiff(model: mujoco.MjModel) -> None:
-    model.dof_solref[:], model.dof_solimp[:] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
-
-
 def test_friction_and_rotor_inertia_in_every_joint_are_found_together():
     def change(model: mujoco.MjModel) -> None:
-        _stiff(model)
+        really_sticks(model)
         model.dof_frictionloss[:] = FRICTION
         model.dof_armature[:] += ROTOR
 
@@ -55,7 +51,7 @@ def test_friction_and_rotor_inertia_in_every_joint_are_found_together():
 @pytest.mark.parametrize(("effect", "size"), [("actuator_delay", 0.03), ("actuator_gain", 0.6)])
 def test_what_all_drives_have_in_common_is_found_together(effect, size):
     def change(model: mujoco.MjModel) -> None:
-        _stiff(model)
+        really_sticks(model)
         if effect == "actuator_gain":
             model.actuator_gainprm[:] *= size
             model.actuator_biasprm[:] *= size
@@ -75,7 +71,7 @@ def test_what_all_drives_have_in_common_is_found_together(effect, size):
 
 def test_what_is_in_one_joint_is_not_sought_in_all():
     def change(model: mujoco.MjModel) -> None:
-        _stiff(model)
+        really_sticks(model)
         model.dof_frictionloss[0] = FRICTION[0]
         model.body_mass[2] *= 1.5
         model.body_inertia[2] *= 1.5
@@ -94,7 +90,7 @@ def test_what_is_in_one_joint_is_not_sought_in_all():
 
 
 def test_all_joints_are_looked_at_once_before_a_search_ends(monkeypatch):
-    s, kept = _search(_stiff), []
+    s, kept = _search(really_sticks), []
     monkeypatch.setattr(s, "keep", kept.append)
     one = _fitted(s, {"coulomb_friction@elbow": 0.1})
     more = _fitted(s, {"coulomb_friction@elbow": 0.1, "armature@elbow": 0.01, "armature@shoulder": 0.01})
@@ -117,7 +113,7 @@ def test_what_is_weak_by_itself_stays_where_all_of_it_is_needed(monkeypatch):
     """No term shows beyond doubt; without any of four, windows are predicted worse, and without others not."""
 
     def change(model: mujoco.MjModel) -> None:
-        _stiff(model)
+        really_sticks(model)
         model.dof_frictionloss[:] = FRICTION
         model.dof_armature[:] += ROTOR
 

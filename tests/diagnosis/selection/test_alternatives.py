@@ -7,7 +7,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.selection import alternatives
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
-from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.machines import PENDULUM, really_sticks, record
 from tests.diagnosis.searches import COULOMB, DAMPING, HINGE, MOTOR, fitted, search_of
 
 BIAS, BY_DIRECTION = Term("actuator_bias", MOTOR), Term("asymmetric_friction", HINGE)
@@ -23,7 +23,7 @@ def _settled(change, *terms: Term) -> Hypothesis:
 
 def _rubbing(model: mujoco.MjModel) -> None:
     model.dof_frictionloss[0] = 0.06
-    model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+    really_sticks(model, 0)
 
 
 def test_friction_that_differs_by_direction_takes_the_place_of_friction_and_a_bias_of_the_drive(monkeypatch):

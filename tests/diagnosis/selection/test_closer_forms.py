@@ -9,7 +9,7 @@ import pytest
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
 from mpge_jax.diagnosis.selection.closer_forms import closer, with_plain
 from mpge_jax.diagnosis.selection.forward_selection import search
-from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.machines import PENDULUM, really_sticks, record
 from tests.diagnosis.searches import COULOMB, fitted, search_of
 
 SLIDES, STIFFNESS, DAMPED = 0.15, 30.0, 0.26
@@ -29,7 +29,7 @@ def _bristles(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 def _rigid(model: mujoco.MjModel) -> None:
     model.dof_frictionloss[0], model.dof_damping[0] = SLIDES, 0.05
-    model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+    really_sticks(model, 0)
 
 
 def _search(change: Callable | None = None, force: Callable | None = None):

@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, 
 from mpge_jax.diagnosis.selection.criteria import choose, needed
 from mpge_jax.diagnosis.selection.forward_selection import search
 from mpge_jax.diagnosis.simulation.informative_windows import telling_windows
-from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.machines import PENDULUM, really_sticks, record
 from tests.diagnosis.searches import (
     ARMATURE,
     COULOMB,
@@ -142,7 +142,7 @@ def test_longer_windows_refine_parameters_and_intervals_hold_the_disagreement(ru
 def test_a_machine_without_actuators_is_diagnosed_from_its_swings():
     def change(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0] = 0.05
-        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+        really_sticks(model, 0)
 
     xml = PENDULUM[: PENDULUM.index("<actuator>")] + "</mujoco>"
     recordings = [dataclasses.replace(r, ctrl=None) for r in record(xml, 1.0, change=change)]
@@ -156,7 +156,7 @@ def test_a_machine_without_actuators_is_diagnosed_from_its_swings():
 def test_a_slight_effect_is_found_in_longer_windows():
     def change(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0] = 0.006
-        model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+        really_sticks(model, 0)
 
     recordings = record(PENDULUM, 0.8, change=change, noise=2e-3, count=8, seconds=6.0)
     config = Config(jobs=1, effects=("coulomb_friction", *MISTAKEN_FOR_FRICTION))

@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.evidence.scored import Scored, hopeful
 from mpge_jax.diagnosis.selection import forward_selection
 from mpge_jax.diagnosis.selection.given_masses import as_given
-from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.machines import ARM, really_sticks, record
 from tests.diagnosis.searches import ARMATURE, COULOMB, GAIN, STRIBECK, fitted, search_of
 
 LIKE_A_MASS = Config(
@@ -41,7 +41,7 @@ def _off(model: mujoco.MjModel) -> None:
 def _rubbing(model: mujoco.MjModel) -> None:
     _off(model)
     model.dof_frictionloss[0] = 0.15
-    model.dof_solref[0], model.dof_solimp[0] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+    really_sticks(model, 0)
 
 
 def _scored(s, loss: float, *terms) -> Scored:
