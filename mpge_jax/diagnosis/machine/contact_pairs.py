@@ -16,12 +16,14 @@ NEAR = 0.02
 def allowed_pairs(model: mujoco.MjModel) -> Pairs:
     """Pairs of geoms of different bodies that could touch by their collision masks."""
     kind, partner, body = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
-    return tuple(
-        (g, h)
-        for g in range(model.ngeom)
-        for h in range(g + 1, model.ngeom)
-        if body[g] != body[h] and (kind[g] & partner[h] or kind[h] & partner[g])
-    )
+    meets = kind[:, None] & partner
+    pairs = np.argwhere(np.triu((meets | meets.T) != 0) & (body[:, None] != body))
+    return tuple((int(g), int(h)) for g, h in pairs)
+
+
+def never_touches(model: mujoco.MjModel) -> bool:
+    """Whether no geom or flex can touch another, in whatever pose: by masks, pairs that are told, and flexes."""
+    return not (allowed_pairs(model) or model.npair or model.nflex)
 
 
 def touching_pairs(model: mujoco.MjModel, poses: Array, length: float) -> Pairs:

@@ -15,6 +15,7 @@ from mujoco.batch import Batch
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.effects.step import Fields
+from mpge_jax.diagnosis.machine.contact_pairs import never_touches
 from mpge_jax.diagnosis.machine.joint_space import difference, integrate
 from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.simulation.actuator_state import shifted
@@ -106,7 +107,7 @@ class Simulator:
     _larger: tuple[Windows, int, Windows] | None = None
 
     def __post_init__(self) -> None:
-        self.model = _without_autoreset(self.model)
+        self.model = _bare(self.model)
         self.ctx = replace(self.ctx, model=self.model)
 
     def beside(self, hypothesis: Hypothesis, theta: Array) -> Simulator:
@@ -336,7 +337,10 @@ def _sample(m: mujoco.MjModel, q: Array, v: Array, times: Array, dt: float) -> t
     return pq, pv
 
 
-def _without_autoreset(model: mujoco.MjModel) -> mujoco.MjModel:
-    model = copy.copy(model)
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Without what simulated windows do not need: resets, and the search for contacts where there are none."""
+    model, off = copy.copy(model), mujoco.mjtDisableBit
+    model.opt.disableflags |= int(off.mjDSBL_AUTORESET)
+    if never_touches(model):
+        model.opt.disableflags |= int(off.mjDSBL_CONTACT)
     return model

@@ -86,14 +86,15 @@ class Source:
         return self.rebuilt(command=self.command + noise, smooth=smooth)
 
     def mean_command(self, edges: Array) -> Array:
-        """Mean command [L, nu] over the steps between consecutive times `edges` [L + 1]."""
-        t, out = self.recording.time, np.empty((edges.size - 1, self.command.shape[1]))
+        """Mean commands [..., L, nu] over the steps between consecutive times `edges` [..., L + 1]."""
+        t, steps = self.recording.time, np.diff(edges)
+        out = np.empty((*steps.shape, self.command.shape[1]))
         for a in range(self.command.shape[1]):
             sent = edges if self.late is None else edges - self.late[a]
             value = self._integral_at(sent, a)
             value += np.minimum(sent - t[0], 0.0) * self.command[0, a]
             value += np.maximum(sent - t[-1], 0.0) * self.command[-1, a]
-            out[:, a] = np.diff(value) / np.diff(edges)
+            out[..., a] = np.diff(value) / steps
         return out
 
     def _integral_at(self, times: Array, a: int) -> Array:

@@ -172,8 +172,7 @@ class Windows:
 
     def _commands(self, grid: Array) -> Array:
         """Mean commands [W, L, nu] between consecutive times `grid` [L + 1] after the starts."""
-        rows = [self.sources[s].mean_command(t + grid) for s, t in zip(self.source, self.start, strict=True)]
-        return np.array(rows).reshape(self.count, grid.size - 1, self.command.shape[2])
+        return _commands(self.sources, self.source, self.start, grid, self.command.shape[2])
 
 
 def choose_dt(recordings: list[Recording], timestep: float) -> float:
@@ -267,10 +266,9 @@ def cut(
         rows.append(inside)
     n, w = max((r.size for r in rows), default=1), len(found)
     before = int(np.ceil(HISTORY / dt))
-    nq, nv, nu = model.nq, model.nv, model.nu
+    nq, nv = model.nq, model.nv
     times, seen = np.zeros((w, n)), np.zeros((w, n), bool)
     qpos, qvel = np.full((w, n, nq), np.nan), np.full((w, n, nv), np.nan)
-    command = np.zeros((w, before + steps, nu))
     q0, v0, root = np.zeros((w, nq)), np.zeros((w, nv)), np.zeros((w, nv, 2, 2))
     act0 = np.zeros((w, model.na))
     start = np.zeros(w)
@@ -284,16 +282,25 @@ def cut(
         qpos[k, :m] = r.qpos[inside]
         if r.qvel is not None:
             qvel[k, :m] = r.qvel[inside]
-        command[k] = s.mean_command(r.time[a] + dt * np.arange(-before, steps + 1))
         q0[k], v0[k] = s.states.qpos[a], s.states.qvel[a]
         root[k] = factors(s.states.cov[a])
         act0[k] = held[i][a]
     qvel[:, :, ~np.isfinite(noise.qvel)] = np.nan
     source = np.array([i for i, _, _ in found], dtype=int)
+    command = _commands(sources, source, start, dt * np.arange(-before, steps + 1), model.nu)
     return Windows(
         sources, source, start, dt, steps, q0, v0, root, act0, command, times, seen, qpos, qvel,
         np.zeros((w, nv, 2)), np.zeros_like(seen),
     )  # fmt: skip
+
+
+def _commands(sources: tuple[Source, ...], source: Array, start: Array, grid: Array, nu: int) -> Array:
+    """Mean commands [W, L, nu] between consecutive times `grid` [L + 1] after starts [W] in sources [W]."""
+    out = np.zeros((source.size, grid.size - 1, nu))
+    for s in np.unique(source):
+        of = source == s
+        out[of] = sources[s].mean_command(start[of, None] + grid)
+    return out
 
 
 def factors(cov: Array) -> Array:

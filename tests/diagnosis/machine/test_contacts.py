@@ -14,9 +14,10 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.evidence.null_distribution import floor
-from mpge_jax.diagnosis.machine.contact_pairs import allowed_pairs, touching_pairs
+from mpge_jax.diagnosis.machine.contact_pairs import allowed_pairs, never_touches, touching_pairs
 from mpge_jax.diagnosis.selection.remainder import leaves
 from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
 from tests.diagnosis.machines import BOX, record
 from tests.diagnosis.searches import prepared_of, search_of
 
@@ -52,6 +53,23 @@ def test_bodies_of_several_geoms_come_near_too():
     )
     assert touching_pairs(model, np.array([[0, 0.019, 0, 0.5]]), 1.0) == ((0, 1),)
     assert touching_pairs(model, np.array([[0, 0.021, 0, 0.5]]), 1.0) == ()
+
+
+PAIR = '<contact><pair geom1="left" geom2="right"/></contact></mujoco>'
+NO_MASKS = TWO.replace("<worldbody>", '<default><geom contype="0" conaffinity="0"/></default><worldbody>')
+
+
+@pytest.mark.parametrize(
+    ("xml", "never"),
+    [(TWO, False), (NO_MASKS, True), (NO_MASKS.replace("</mujoco>", PAIR), False)],
+    ids=["by masks", "without masks", "by a pair that is told"],
+)
+def test_windows_are_simulated_without_a_search_for_contacts_only_where_nothing_can_touch(xml, never):
+    model = mujoco.MjModel.from_xml_string(xml)
+    assert never_touches(model) == never
+    sim = Simulator(model, prepared_of(xml, record(xml, [], seconds=0.5)).ctx)
+    assert bool(sim.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT) == never
+    assert not model.opt.disableflags
 
 
 def _places(xml: str, missing: int | None = None) -> list[str]:
