@@ -24,7 +24,7 @@ def as_given(s: Search, f: Fitted) -> Fitted:
     given = next((t for t in s.terms if isinstance(t.effect, GivenInertias)), None)
     if given is None:
         return f
-    for term in [t for t in f.hypothesis.named if t.id in LIKE_MASSES]:
+    for term in [t for t in f.hypothesis.named if t.name in LIKE_MASSES]:
         whites = s.whiten(f)
         (other,) = fit(s.sim, [_instead(s, f, term, given)], s.train, whites[0], iterations=ITERATIONS)
         now, then = s.score([f, other], whites)

@@ -9,6 +9,7 @@ import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.inertia.given import given_inertias
+from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.evidence.scored import Scored, hopeful
 from mpge_jax.diagnosis.selection import forward_selection
 from mpge_jax.diagnosis.selection.given_masses import as_given
@@ -72,6 +73,19 @@ def test_a_factor_of_all_masses_is_news_where_masses_are_not_off_by_as_much(fact
         assert masses == pytest.approx(factor, abs=0.01)
         # it was fitted under the prior that has them as given, and has them already
         assert (told.centre == 1.0).all() and as_given(s, told) is told
+
+
+@pytest.mark.parametrize("form", [[], [0.02]], ids=["a point", "extended"])
+def test_a_payload_gives_way_to_a_given_mass_that_is_a_little_off_in_either_form(form):
+    def change(model: mujoco.MjModel) -> None:
+        model.body_mass[2] *= 1.02
+
+    s, _ = search_of(ARM, record(ARM, [4.0, 0.8], change=change))
+    payload = next(t for t in s.terms if t.id == "payload_mass" and t.place.name == "fore")
+    term = Term("payload_mass:extended", payload.place) if form else payload
+    mass, centre = s.sim.model.body_mass[2], s.sim.model.body_ipos[2]
+    told = as_given(s, fitted(s, {term: [0.02 * mass, *centre, *form]}))
+    assert told.hypothesis.terms and not told.hypothesis.named
 
 
 def test_masses_do_not_stand_for_physics_that_explains_more(null, monkeypatch):
