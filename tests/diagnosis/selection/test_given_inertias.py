@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
-from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.evidence.scored import Scored, hopeful
 from mpge_jax.diagnosis.selection import forward_selection
 from mpge_jax.diagnosis.selection.given_masses import as_given
