@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss, prior_wid
 from mpge_jax.diagnosis.estimation.parameter_steps import (
     Problem,
     beyond,
+    corrected,
     promise,
     proposals,
     without_slopes,
@@ -95,8 +96,13 @@ def _advance(
         if not p.done:
             trials += [(p, t) for t in steps[:1]]
             further += [(p, t) for t in steps[1:]]
-    better = _better(sim, trials, w, white)
-    better |= _better(sim, [(p, t) for p, t in further if id(p) not in better], w, white)
+    tried = _tried(sim, trials, w, white)
+    better = _better(tried)
+    second = [(p, t) for p, t in further if id(p) not in better]
+    for p, found, flat in tried:
+        if p.smooth and id(p) not in better:
+            second += [(p, t) for t in corrected(p, found.theta, flat)]
+    better |= _better(_tried(sim, second, w, white))
     anew = []
     for p in (p for p in active if not p.done):
         if id(p) in better:
@@ -119,18 +125,24 @@ def _advance(
     _linearise(sim, anew, w, white)
 
 
-def _better(
+def _tried(
     sim: Simulator, trials: list[tuple[Problem, Array]], w: Windows, white: Whitener
-) -> dict[int, tuple[Fitted, Array]]:
-    """By a problem's `id`, the best of its trials, with its whitened residuals [W, M], where it is better; where none
-    moves (at a bound), a loss by cheaper steps may be another one, which is no gain."""
+) -> list[tuple[Problem, Fitted, Array]]:
+    """The problems' fits at other parameters, with whitened residuals [W, M] there; not where none moves (at a bound):
+    a loss by cheaper steps may be another one, which is no gain."""
     trials = [(p, t) for p, t in trials if not np.array_equal(t, p.fit.theta)]
-    runs = [Run(p.fit.hypothesis, t) for p, t in trials]
-    out: dict[int, tuple[Fitted, Array]] = {}
     told = sim.cheaply if sim.costly(w) else sim.residuals
-    for (p, t), r in zip(trials, told(runs, w), strict=True):
+    out = []
+    for (p, t), r in zip(trials, told([Run(p.fit.hypothesis, t) for p, t in trials], w), strict=True):
         flat = white(r + p.offset if p.offset.size else r)
-        found = _judged(p, t, flat, w, white)
+        out.append((p, _judged(p, t, flat, w, white), flat))
+    return out
+
+
+def _better(tried: list[tuple[Problem, Fitted, Array]]) -> dict[int, tuple[Fitted, Array]]:
+    """By a problem's `id`, the best of its trials, where it is better."""
+    out: dict[int, tuple[Fitted, Array]] = {}
+    for p, found, flat in tried:
         if found.loss < out.get(id(p), (p.fit,))[0].loss:
             out[id(p)] = found, flat
     return out

@@ -75,10 +75,24 @@ def proposals(p: Problem, ctx: Context) -> list[Array]:
     return [theta for theta in out if np.isfinite(theta).all()]
 
 
-def _step(p: Problem, weight: Array, damping: float) -> Array:
-    """The damped Gauss-Newton step from where `p` stands, with `weight` [W], inside the bounds: theta [p]."""
+def corrected(p: Problem, theta: Array, whitened: Array) -> list[Array]:
+    """The proposal again, after it led to residuals [W, M] that slopes did not show: a straight step out of a bent
+    valley (a mass and its place, of which only the moment is known well) is led back into it.
+
+    Second-order correction by the residuals at the end of the step: Nocedal & Wright, Numerical Optimization, 15.6.
+    """
+    unseen = whitened - np.tensordot((theta - p.fit.theta).astype(p.jacobian.dtype), p.jacobian, 1)
+    if not np.isfinite(unseen).all():
+        return []
+    found = _step(p, p.weight, p.damping, unseen)
+    return [found] if np.isfinite(found).all() else []
+
+
+def _step(p: Problem, weight: Array, damping: float, residuals: Array | None = None) -> Array:
+    """The damped Gauss-Newton step from where `p` stands, with `weight` [W], inside the bounds: theta [p]; for other
+    `residuals` [W, M] there, if told."""
     low, high = bounds(p.params)
-    j, r = p.jacobian, p.whitened
+    j, r = p.jacobian, p.whitened if residuals is None else residuals
     values = j.shape[-1]
     widths = prior_widths(p.params, values)
     h = np.einsum("w,pwm,qwm->pq", weight, j, j, optimize=True)

@@ -35,6 +35,8 @@ SPECIAL_CASES = {
     ),
 }
 """Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
+ITERATIONS = 8
+"""Steps of the fit of what comes near, most of which ends before: hypotheses are compared each at its own best."""
 PLAIN_LAWS = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
 
 
@@ -78,7 +80,7 @@ def find_rivals(
             near += [f for f in fits if f.hypothesis in alike - {x.hypothesis for x in near}]
             nearest = {f.hypothesis for f in near}
             far = [f for f in fits if f.hypothesis not in nearest]
-            fits = [*fit(s.sim, near, s.train, whites[0], iterations=1 if many else 3), *far]
+            fits = [*fit(s.sim, near, s.train, whites[0], iterations=ITERATIONS), *far]
         unsettled = best.losses.mean() > SETTLED or best.factor > 1.0
         if term.id in PLAIN_LAWS and (unsettled or _pushed(ctx, best.fit.hypothesis, term)):
             fits += _richer(s, best, whites[0], sample, term)

@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.context import Param
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.covariance import finish, jackknife, recordings_differ, widened
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import _better, fit, timing_error
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import _better, _tried, fit, timing_error
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, refined
 from tests.diagnosis.machines import BOX, PENDULUM, really_sticks, record
@@ -56,11 +56,10 @@ def test_a_step_that_goes_nowhere_is_no_gain(rubbing):
     s, _ = rubbing
     f = replace(fitted(s, {DAMPING: [0.02]}), loss=np.inf)
     problem, white = Problem(f, f.hypothesis.params(s.sim.ctx)), s.whiten_one(f, s.train)
-    assert not _better(s.sim, [(problem, f.theta.copy())], s.train, white)
-    (better,) = _better(
-        s.sim, [(problem, f.theta.copy()), (problem, f.theta + 0.01)], s.train, white
-    ).values()
-    assert better[0].theta == f.theta + 0.01
+    assert not _tried(s.sim, [(problem, f.theta.copy())], s.train, white)
+    trials = [(problem, f.theta.copy()), (problem, f.theta + 0.01)]
+    ((better, _),) = _better(_tried(s.sim, trials, s.train, white)).values()
+    assert better.theta == f.theta + 0.01
 
 
 def test_times_are_known_to_a_part_of_a_timestep():
