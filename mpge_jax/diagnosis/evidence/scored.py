@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mpge_jax.diagnosis.effects.candidates import PLAIN
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
@@ -98,7 +99,7 @@ def hopeful(fits: list[Fitted], before: float) -> list[Fitted]:
     """Fits that take away at least half as much of the loss `before` them as the best does, the best few families, and
     the plain forms of elaborate frictions among them; best first. What adds no physics takes no family's place."""
     ranked = sorted(fits, key=lambda f: f.loss)
-    common = set.intersection(*(set(f.hypothesis.terms) for f in ranked)) if ranked else set()
+    common = _common(ranked)
     limit = before - HALF_AS_GOOD * (before - ranked[0].loss) if ranked else before
     kept: list[Fitted] = []
     families: set[frozenset[tuple[str, Place]]] = set()
@@ -116,14 +117,18 @@ def with_simpler(screened: list[Fitted], keep: int) -> list[Fitted]:
     """The best `keep`, and the plain form of every elaborate friction among them."""
     top = screened[:keep]
     chosen = {f.hypothesis for f in top}
-    plain = ("coulomb_friction", "viscous_damping")
-    places = {t.place for f in top for t in f.hypothesis.terms if t.plain in ELABORATE}
+    common = _common(screened)
+    places = {t.place for f in top for t in set(f.hypothesis.terms) - common if t.plain in ELABORATE}
     for f in screened[keep:]:
-        if f.hypothesis not in chosen and any(
-            t.id in plain and t.place in places for t in f.hypothesis.terms
-        ):
+        own = set(f.hypothesis.terms) - common
+        if f.hypothesis not in chosen and any(t.id in PLAIN and t.place in places for t in own):
             top.append(f)
     return top
+
+
+def _common(fits: list[Fitted]) -> set[Term]:
+    """Terms that all have, as what the search has found so far."""
+    return set.intersection(*(set(f.hypothesis.terms) for f in fits)) if fits else set()
 
 
 def evidence(a: Scored, b: Scored) -> float:

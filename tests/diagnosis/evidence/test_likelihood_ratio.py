@@ -18,9 +18,15 @@ from mpge_jax.diagnosis.evidence.likelihood_ratio import (
     odds,
     stand_out,
 )
-from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, held_out_evidence, hopeful
+from mpge_jax.diagnosis.evidence.scored import (
+    Scored,
+    clearly_worse,
+    held_out_evidence,
+    hopeful,
+    with_simpler,
+)
 from mpge_jax.diagnosis.selection.criteria import needed
-from tests.diagnosis.searches import ARMATURE, COULOMB, GAIN, HINGE, MOTOR, STRIBECK, fitted
+from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, HINGE, MOTOR, STRIBECK, fitted
 
 
 def test_the_log_ratio_is_twice_the_squared_deviations():
@@ -153,6 +159,16 @@ def test_laws_of_friction_at_one_joint_do_not_crowd_out_what_else_is_hopeful():
     kept = [f.hypothesis.terms[0] for f in hopeful(fits, before=3.0)]
     assert kept == [STRIBECK, load, GAIN, COULOMB, ARMATURE]
     assert hopeful([], before=3.0) == []
+
+
+def test_what_was_found_before_keeps_no_candidate():
+    """The plain law of an elaborate one that is a candidate stays; friction that all have says nothing of any."""
+    found, bias = (STRIBECK, DAMPING), Term("actuator_bias", MOTOR)
+    fits = [_guess(1.0, *found, GAIN), _guess(1.1, *found, ARMATURE), _guess(1.2, *found, bias)]
+    assert with_simpler(fits, 1) == fits[:1]
+    plain = _guess(1.2, COULOMB, GAIN)
+    assert with_simpler([_guess(1.0, STRIBECK, GAIN), _guess(1.1, ARMATURE, GAIN), plain], 1)[1:] == [plain]
+    assert with_simpler([], 1) == []
 
 
 def test_ranks_see_what_spoiled_windows_blur():
