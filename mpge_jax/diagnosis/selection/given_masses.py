@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mpge_jax.diagnosis.effects.candidates import plain_form
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.effects.inertia.given import GivenInertias
 from mpge_jax.diagnosis.estimation.estimate import Fitted
@@ -13,14 +14,22 @@ from mpge_jax.diagnosis.evidence.scored import evidence
 from mpge_jax.diagnosis.selection.search_state import Search
 
 Array = np.ndarray
-LIKE_MASSES = ("mass_scale", "payload_mass", "com_offset", "external_force")
-"""Effects that masses and inertias that are slightly off pass for."""
+LIKE_MASSES = (
+    "mass_scale",
+    "payload_mass",
+    "com_offset",
+    "external_force",
+    "actuator_bias",
+    "asymmetric_friction",
+)
+"""Effects that masses and inertias that are slightly off pass for, friction that differs by direction where a weight
+pulls one way."""
 ITERATIONS = 8
 
 
 def as_given(s: Search, f: Fitted) -> Fitted:
-    """`f` with factors of the given masses and inertias in place of every effect that is not likelier than they are:
-    by all windows, and by how far from one they would have to be."""
+    """`f` with factors of the given masses and inertias, beside the plain form of a friction, in place of every effect
+    that is not likelier than they are: by all windows, and by how far from one they would have to be."""
     given = next((t for t in s.terms if isinstance(t.effect, GivenInertias)), None)
     if given is None:
         return f
@@ -35,13 +44,15 @@ def as_given(s: Search, f: Fitted) -> Fitted:
 
 
 def _instead(s: Search, f: Fitted, term: Term, given: Term) -> Fitted:
-    """`f` without a term, with factors of the given masses and inertias, to be fitted."""
+    """`f` without a term, or with its plain form, with factors of the given masses and inertias, to be fitted."""
     ctx = s.sim.ctx
     parts, centres = (f.hypothesis.split(ctx, x) for x in (f.theta, f.centre))
     null = given.effect.null(ctx, given.place)
     factor = np.full_like(null, parts[term][0]) if term.id == "mass_scale" else null
-    h = Hypothesis.of(*f.hypothesis.without(term).terms, *({given} - set(parts)))
-    theta, centre = (h.gather(ctx, {given: x} | known) for x, known in ((factor, parts), (null, centres)))
+    plain = plain_form(ctx, term, parts[term])
+    h = Hypothesis.of(*f.hypothesis.without(term).terms, *({given, *plain} - set(parts)))
+    beside = ((factor, parts), (null, centres))
+    theta, centre = (h.gather(ctx, {given: x} | plain | known) for x, known in beside)
     return Fitted(h, theta, centre)
 
 

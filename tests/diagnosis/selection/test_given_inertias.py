@@ -10,6 +10,7 @@ import pytest
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.inertia.given import given_inertias
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.evidence.scored import Scored, hopeful
 from mpge_jax.diagnosis.selection import forward_selection
 from mpge_jax.diagnosis.selection.given_masses import as_given
@@ -43,6 +44,11 @@ def _rubbing(model: mujoco.MjModel) -> None:
     _off(model)
     model.dof_frictionloss[0] = 0.15
     really_sticks(model, 0)
+
+
+def _held_back(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """0.1 N m more friction forwards, and as much less backwards."""
+    data.qfrc_applied[0] = -0.1
 
 
 def _scored(s, loss: float, *terms) -> Scored:
@@ -86,6 +92,20 @@ def test_a_payload_gives_way_to_a_given_mass_that_is_a_little_off_in_either_form
     mass, centre = s.sim.model.body_mass[2], s.sim.model.body_ipos[2]
     told = as_given(s, fitted(s, {term: [0.02 * mass, *centre, *form]}))
     assert told.hypothesis.terms and not told.hypothesis.named
+
+
+@pytest.mark.parametrize("news", [False, True])
+def test_friction_differs_by_direction_where_masses_that_are_a_little_off_do_not_say_so(news):
+    s, _ = search_of(ARM, record(ARM, [2.0, 1.0], change=_rubbing, force=_held_back if news else None))
+    law = next(t for t in s.terms if str(t) == "asymmetric_friction@shoulder")
+    f = fitted(s, {law: [0.17, 0.13, 0.01, 0.01]})
+    (f,) = fit(s.sim, [f], s.train, s.whiten(f)[0])
+    told = as_given(s, f)
+    assert (told is f) == news
+    if not news:
+        assert {"coulomb_friction@shoulder", "viscous_damping@shoulder"} == set(
+            map(str, told.hypothesis.named)
+        )
 
 
 def test_masses_do_not_stand_for_physics_that_explains_more(null, monkeypatch):
