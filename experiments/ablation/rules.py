@@ -318,6 +318,7 @@ def gate(name: str) -> Gate:
 
 WORK = {
     "selection.all_joints": ("ITERATIONS",),
+    "selection.alternatives": ("ITERATIONS",),
     "selection.closer_forms": ("ITERATIONS",),
     "selection.competition": ("KEEP", "KEEP_OF_MANY"),
     "selection.confirmation": ("ITERATIONS", "SHORT"),
