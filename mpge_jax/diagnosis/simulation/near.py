@@ -34,7 +34,9 @@ class Near:
         """[R, W, N, 2 nv], as `Simulator.residuals`."""
         if self.offset is None:
             return self.sim.residuals(runs, self.w)
-        return self.sim.cheaply(runs, self.w) + self.offset
+        out = self.sim.cheaply(runs, self.w)
+        out[[not run.hypothesis.rugged for run in runs]] += self.offset
+        return out
 
 
 def changes(sim: Simulator, runs: list[Run], w: Windows) -> Array:

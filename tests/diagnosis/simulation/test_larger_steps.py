@@ -117,3 +117,30 @@ def test_smooth_sensitivities_are_alike_in_larger_steps():
     seen = np.isfinite(own)
     for k in range(len(own)):
         assert np.abs((told - own)[k][seen[k]]).max() < 0.05 * np.abs(own[k][seen[k]]).max()
+
+
+@pytest.fixture(scope="module")
+def arm():
+    s, _ = search_of(ARM, record(ARM, [2.0, 1.0]))
+    assert s.sim.stride > 1 and s.sim.costly(s.train)
+    one_of_each = {t.id: t for t in s.terms if t.effect.simulated and t.place.index in (0, 1)}
+    return s, list(one_of_each.values())
+
+
+@pytest.mark.parametrize("size", [1.0, 0.2])
+def test_cheaper_steps_show_what_any_effect_does(arm, size):
+    """Of a guess, and of one nearer to where it vanishes, within half of what it changes and what noise hides."""
+    s, terms = arm
+    ctx, nothing, nv = s.sim.ctx, Run(Hypothesis(), np.zeros(0)), s.sim.model.nv
+    near, share = Near.to(s.sim, nothing, s.train), {}
+    for t in terms:
+        theta, null = t.effect.starts(ctx, t.place)[0].copy(), t.effect.null(ctx, t.place)
+        for k in t.effect.naming(ctx, t.place):
+            theta[k] = null[k] + size * (theta[k] - null[k] or t.params(ctx)[k].scale)
+        runs = [nothing, Run(Hypothesis.of(t), theta)]
+        both = s.sim.residuals(runs, s.train), near.residuals(runs)
+        exact, told = (np.nan_to_num(x[1] - x[0])[..., :nv] for x in both)
+        hidden = 1e-4 * np.sqrt(exact.size)
+        share[t.id] = np.linalg.norm(told - exact) / (np.linalg.norm(exact) + hidden)
+    assert "backlash" in share and len(share) > 20
+    assert {i: x for i, x in share.items() if not x < 0.5} == {}
