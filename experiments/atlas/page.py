@@ -78,7 +78,7 @@ def markdown(kept: Mapping[str, Row], learnt: Mapping[str, Any] | None = None) -
         lines.append(f"| {' | '.join(cells)} |")
     verdicts = Counter(row["verdict"] for row in kept.values())
     told = ", ".join(f"{count} `{verdict}`" for verdict, count in verdicts.most_common())
-    lines += ["", f"Verdicts: {told}. {_met(kept)}"]
+    lines += ["", f"Verdicts: {told}. {_met_in_all(kept)}"]
     if missing := [MACHINES[key].title for key in MACHINES if key not in kept]:
         lines += ["", f"Not diagnosed yet: {', '.join(missing)}."]
     lines += [] if learnt is None else _learnt(learnt, kept)
@@ -144,6 +144,13 @@ def reached(machine: Machine, row: Row) -> list[float]:
     return found
 
 
+def _met(machine: Machine, row: Row) -> list[bool]:
+    """Which errors are as good as the machine's reference; none where it has none."""
+    if machine.reference is None:
+        return []
+    return [a <= b for a, b in zip(reached(machine, row), machine.reference.enough, strict=True)]
+
+
 def _beside(machine: Machine, row: Row) -> str:
     if machine.reference is None:
         return "none"
@@ -153,16 +160,16 @@ def _beside(machine: Machine, row: Row) -> str:
         "each": "in the usual window",
         "median": f"{row['unit']} in the usual window",
     }
-    near = sum(a <= b for a, b in zip(ours, theirs.enough, strict=True))
+    near = sum(_met(machine, row))
     listed = [" ".join(f"{x:.3g}" for x in each) for each in (theirs.errors, ours)]
     met = "met" if near == len(ours) else ("**missed**" if near == 0 else f"met at {near} of {len(ours)}")
     return f"{listed[0]} {unit[theirs.of]}; here {listed[1]}: {met}"
 
 
-def _met(kept: Mapping[str, Row]) -> str:
-    said = [_beside(MACHINES[key], row) for key, row in kept.items() if MACHINES[key].reference is not None]
-    met = sum(one.endswith(": met") for one in said)
-    return f"The reference is met on {met} of the {len(said)} that have one."
+def _met_in_all(kept: Mapping[str, Row]) -> str:
+    compared = [each for each in (_met(MACHINES[key], row) for key, row in kept.items()) if each]
+    met = sum(map(all, compared))
+    return f"The reference is met on {met} of the {len(compared)} that have one."
 
 
 def _made(kept: Mapping[str, Row]) -> str:

@@ -159,7 +159,7 @@ def _move(p: Problem, to: Fitted, flat: Array) -> None:
     """Go there; the slopes change as little as what was seen on the way demands (Broyden)."""
     widths = prior_widths(p.params)
     step = (to.theta - p.fit.theta) / widths
-    missed = flat - p.whitened - np.tensordot(step * widths, p.jacobian, 1)
+    missed = flat - p.whitened - p.foreseen(to.theta)
     p.jacobian = p.jacobian + (step / (step @ step) / widths)[:, None, None] * missed
     p.fit, p.whitened, p.secant = to, flat, True
 

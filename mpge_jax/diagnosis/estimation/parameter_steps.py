@@ -51,6 +51,10 @@ class Problem:
         """[W] by how much each window counts: less, the worse it is missed."""
         return 1.0 / (1.0 + self.fit.x / 5.0)
 
+    def foreseen(self, theta: Array) -> Array:
+        """By how much residuals [W, M] change up to `theta` [p], by the slopes."""
+        return np.tensordot((theta - self.fit.theta).astype(self.jacobian.dtype), self.jacobian, 1)
+
     def steps(self) -> Array:
         """Finite-difference steps [p] that stay inside the bounds."""
         _, high = bounds(self.params)
@@ -81,7 +85,7 @@ def corrected(p: Problem, theta: Array, whitened: Array) -> list[Array]:
 
     Second-order correction by the residuals at the end of the step: Nocedal & Wright, Numerical Optimization, 15.6.
     """
-    unseen = whitened - np.tensordot((theta - p.fit.theta).astype(p.jacobian.dtype), p.jacobian, 1)
+    unseen = whitened - p.foreseen(theta)
     if not np.isfinite(unseen).all():
         return []
     found = _step(p, p.weight, p.damping, unseen)
@@ -126,7 +130,7 @@ def _step(p: Problem, weight: Array, damping: float, residuals: Array | None = N
 
 def promise(p: Problem, theta: Array, w: Windows, white: Whitener) -> float:
     """The loss at `theta` if the prediction were linear."""
-    moved = p.whitened + np.tensordot((theta - p.fit.theta).astype(p.jacobian.dtype), p.jacobian, 1)
+    moved = p.whitened + p.foreseen(theta)
     loss = float(robust_loss(white.excess(moved)).mean())
     return loss + prior_loss(p.params, theta, p.fit.centre, w.count, moved.shape[-1])
 
