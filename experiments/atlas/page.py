@@ -14,6 +14,7 @@ from experiments.atlas import record
 from experiments.atlas.machines import MACHINES, Machine
 from mpge_jax import files
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, MEASURED, NOMINAL, log_scale, save
+from mpge_jax.diagnosis.verdict.part_of_unknown import UNKNOWN
 
 LESS = 1.05
 """Times by which an error falls of which that is said."""
@@ -124,12 +125,18 @@ def _named(row: Row) -> str:
         f"{kind.replace('_', ' ')} ({at[kind] if count == 1 else f'{count} places'})"
         for kind, count in kinds.items()
     ]
+    parts: list[list[str]] = []
     for candidates in row["ambiguous"]:
+        if any(kind == UNKNOWN for kind, _ in candidates[-1]):
+            parts += candidates[0]
+            continue
         apart = [[e for e in one if not all(e in other for other in candidates)] for one in candidates]
         rivals = [" with ".join(f"{kind.replace('_', ' ')} ({at})" for kind, at in one) for one in apart]
         said.append(" or ".join(rival or "nothing more" for rival in rivals))
     if row["left_at"]:
-        said.append(f"something unknown ({', '.join(row['left_at'])})")
+        which = ", ".join(f"{kind.replace('_', ' ')} ({at})" for kind, at in parts)
+        also = f", of which {which} may be a part" if parts else ""
+        said.append(f"something unknown ({', '.join(row['left_at'])}){also}")
     return "; ".join(said) or "nothing"
 
 

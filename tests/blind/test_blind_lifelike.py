@@ -179,6 +179,12 @@ def test_beside_unknown_physics_the_known_part_counts():
     more = judge(answer, said(FRICTION, INERTIA, verdict="unexplained", at="elbow"), 1.0)
     assert more.exact == 0.0 and more.wrong == [("armature", "wrist")]
     assert judge(answer, said(verdict="unexplained", at="elbow"), 1.0).exact == 0.0
+    # what may be a part of the unknown is no wrong name, and only half of a right one
+    unknown = {"id": "unexplained", "at": "elbow", "parameters": {}}
+    doubted = said(FRICTION, verdict="unexplained", at="elbow", ambiguous=(FRICTION, unknown))
+    assert judge(answer, doubted, 1.0).exact == 0.5
+    nothing_else = judge(hidden(kind="unknown", unknown=(KICK,)), doubted, 1.0)
+    assert (nothing_else.exact, nothing_else.wrong) == (1.0, [])
 
 
 def test_a_share_of_what_every_joint_lacks():
@@ -199,6 +205,10 @@ def test_wrong_names_are_those_named_for_certain():
     answer = hidden(FRICTION, kind="single")
     assert judge(answer, said(INERTIA), 1.0).wrong == [("armature", "wrist")]
     assert judge(answer, said(INERTIA, verdict="ambiguous", ambiguous=(INERTIA, FRICTION)), 1.0).wrong == []
+    # what all candidates have in common is named for certain
+    common = said(INERTIA, verdict="ambiguous")
+    common["ambiguous"] = [{"candidates": [[INERTIA, FRICTION], [INERTIA, KICK]]}]
+    assert judge(answer, common, 1.0).wrong == [("armature", "wrist")]
     off = hidden(FRICTION, kind="single", concealed=["masses and inertias off"])
     assert judge(off, said(FRICTION, INERTIA), 1.0).wrong == []
     assert judge(off, said({"id": "backlash", "at": "elbow"}), 1.0).wrong == [("backlash", "elbow")]

@@ -149,11 +149,11 @@ def _open(report: dict) -> list[dict]:
 
 
 def _wrong(answer: dict, report: dict, named: list[Named]) -> list[Named]:
-    """What is named for certain, not as a candidate, and is neither hidden nor a twin of what is."""
+    """What is named for certain, not as one of several candidates, and is neither hidden nor a twin of what is."""
     right = {(e["id"], e["at"]) for e in answer["effects"]} | {
         (i, a) for e in answer["effects"] for i, a in e["twins"]
     }
-    candidates = {_rename(answer, e) for e in _open(report)}
+    candidates = _doubted(answer, report)
     return [n for n in named if n not in right and n not in candidates and not _truly_off(answer, n)]
 
 
@@ -166,7 +166,7 @@ def _beside_unknown(answer: dict, report: dict, named: list[Named], wrong: list[
     truth = {(e["id"], e["at"]) for e in answer["effects"]}
     if wrong or not truth <= {*named, *(_rename(answer, e) for e in _open(report))}:
         return 0.0
-    return 1.0 if truth <= {*named} else 0.5
+    return 1.0 if truth <= {*named} - _doubted(answer, report) else 0.5
 
 
 def _share(answer: dict, report: dict, named: list[Named], wrong: list[Named]) -> float:
@@ -184,6 +184,11 @@ def _apart(answer: dict, group: dict) -> set[Named]:
     """In what the candidates of a group differ."""
     sets = [{_rename(answer, e) for e in candidate} for candidate in group.get("candidates") or []]
     return {n for members in sets for n in members if not all(n in other for other in sets)}
+
+
+def _doubted(answer: dict, report: dict) -> set[Named]:
+    """What is only one of several candidates."""
+    return {n for group in report.get("ambiguous") or [] for n in _apart(answer, group)}
 
 
 def _here(answer: dict, at: str) -> bool:

@@ -82,9 +82,12 @@ def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
     return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())))
 
 
-def error_drops(p: Prepared, f: Fitted, held: FitReport) -> dict[Term, float]:
-    """Share of the held-out squared error that goes with each effect, the others kept."""
-    without = errors_without(p, f, held)
+def error_drops(held: FitReport, without: dict[Term, Errors]) -> dict[Term, float]:
+    """Share of the held-out squared error that goes with each effect, the others kept.
+
+    Args:
+        without: errors without each.
+    """
     return {t: float(1.0 - held.after.rms**2 / max(e.rms**2, 1e-30)) for t, e in without.items()}
 
 

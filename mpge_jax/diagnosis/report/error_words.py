@@ -63,6 +63,11 @@ def times(before: float, after: float) -> str:
     return "more than 1000 times" if ratio > 1000 else f"{ratio:.3g} times"
 
 
+def percent(share: float) -> str:
+    """'68 %', '1.7 %', '0.25 %'."""
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
+
+
 def worse_without(drop: float) -> str:
     """How much larger the error is without an effect, the others kept, from the share of the squared error that goes
     with it (`error_drops`): '3.2 times'."""

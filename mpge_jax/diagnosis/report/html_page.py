@@ -9,7 +9,7 @@ from typing import Any
 
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.report.error_words import beside_noise, times, unit_of_joint
+from mpge_jax.diagnosis.report.error_words import beside_noise, percent, times, unit_of_joint
 from mpge_jax.diagnosis.report.html_sections import (
     close,
     given,
@@ -24,8 +24,11 @@ from mpge_jax.diagnosis.report.html_sections import (
 from mpge_jax.diagnosis.report.html_sections import table as table_of
 from mpge_jax.diagnosis.report.sentences import effect_rows
 from mpge_jax.diagnosis.report.style import STYLE
+from mpge_jax.diagnosis.verdict.part_of_unknown import UNKNOWN
 from mpge_jax.diagnosis.verdict.result import Result
 
+ALIKE = "These explain the recordings equally well"
+PART = "What was named where something acts that has no name may be a part of that"
 FEW = 3
 """Effects that are listed by name beside those that are ambiguous."""
 _WORDS = {
@@ -103,8 +106,9 @@ def _ambiguous(table: dict[str, Any], experiment: Mapping[str, object] | None) -
         beside = " and ".join(f"{i.replace('_', ' ')} at {at}" for i, at in sets[0] if (i, at) in common)
         beside = f"the {len(common)} other effects" if len(common) > FEW else beside
         beside = f", each beside {escape(beside)}" if beside else ""
+        said = PART if any(name == UNKNOWN for name, _ in sets[-1]) else ALIKE
         parts.append(
-            f"<p>These explain the recordings equally well{beside}:</p><ul>{''.join(items)}</ul>"
+            f"<p>{said}{beside}:</p><ul>{''.join(items)}</ul>"
             f"<p><b>To tell them apart:</b> {escape(entry['separated_by'])}.</p>"
         )
     if parts and experiment is not None:
@@ -138,7 +142,7 @@ def _unexplained(d: Result) -> str:
     rows = [[escape(n), *(f"{t - hidden[n]:.2f}" for t in (a, b))] for n, a, b in u["intervals"]]
     return (
         f"<h2>What nothing explains</h2><p>At {escape(' and '.join(u['at']))}: {escape(u['when'])}. It makes up "
-        f"{100 * u['share']:.0f} % of the squared error of the {u['of']} that the model as given predicts. Look at "
+        f"{percent(u['share'])} of the squared error of the {u['of']} that the model as given predicts. Look at "
         "these moments:</p>" + table_of(["recording", "from (s)", "to (s)"], rows)
     )
 

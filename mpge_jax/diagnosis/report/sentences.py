@@ -11,7 +11,14 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import parameters
 from mpge_jax.diagnosis.estimation.quantities import clause, intervals, quantity
-from mpge_jax.diagnosis.report.error_words import beyond_noise, error_unit, gain, moves, worse_without
+from mpge_jax.diagnosis.report.error_words import (
+    beyond_noise,
+    error_unit,
+    gain,
+    moves,
+    percent,
+    worse_without,
+)
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel
 from mpge_jax.diagnosis.verdict.result import Result, candidates_of
 
@@ -99,10 +106,10 @@ def explanation(d: Result) -> str:
         # of an error of which nothing is explained, all of it says nothing
         if parts:
             said += (
-                f" It makes up {100 * d.unexplained['share']:.0f} % of the squared error of the "
+                f" It makes up {percent(d.unexplained['share'])} of the squared error of the "
                 f"{d.unexplained['of']} that the model as given predicts."
             )
-        parts.append(said)
+        parts.append(said + _doubt(d))
     if d.residual is not None:
         parts.append(_residual(d.residual, error_unit(d)))
     if not parts:
@@ -113,10 +120,21 @@ def explanation(d: Result) -> str:
         parts.append(gain(d))
     if d.remainder > 0:
         parts.append(
-            f"A remainder of {100 * d.remainder:.2g} % of the squared error is more than noise"
+            f"A remainder of {percent(d.remainder)} of the squared error is more than noise"
             f"{beyond_noise(d)}; it is too slight to change what is named."
         )
     return " ".join(parts)
+
+
+def _doubt(d: Result) -> str:
+    """What is said of effects that may be a part of what has no name."""
+    if not d.doubtful:
+        return ""
+    names = [f"{t.name.replace('_', ' ')} at {t.place.name}" for t in d.doubtful]
+    return (
+        f" What was named there may be a part of the same: too much is left beside {_listed(names)} to be sure of "
+        f"{'it' if len(names) == 1 else 'them'}."
+    )
 
 
 def _residual(r: ResidualModel, unit: str) -> str:
@@ -156,6 +174,14 @@ def _differing(d: Result, f: Fitted, term: Term) -> Term:
     if term in f.hypothesis.terms:
         return term
     return next(t for t in f.hypothesis.named if t not in d.terms)
+
+
+def alone(places: list[str]) -> str:
+    """The experiment that shows what has no name by itself."""
+    return (
+        f"move {' and '.join(places)} alone, slowly and fast, both ways and under several loads, so that all that acts "
+        "there can be drawn against angle, speed and load"
+    )
 
 
 def separation(d: Result, term: Term, fits: list[Fitted]) -> str:

@@ -17,9 +17,10 @@ from mpge_jax.diagnosis.estimation.intervals import number, parameters
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.error_words import error_unit
-from mpge_jax.diagnosis.report.sentences import explanation, separation
+from mpge_jax.diagnosis.report.sentences import alone, explanation, separation
 from mpge_jax.diagnosis.residual.model import ResidualModel
 from mpge_jax.diagnosis.verdict.location import locate
+from mpge_jax.diagnosis.verdict.part_of_unknown import UNKNOWN
 from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, candidates_of
 
 Array = np.ndarray
@@ -53,12 +54,11 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
         effects.append(
             {**_effect(d, d.fit, term), "error_drop": number(d.error_drop[term]), "rivals": rivals}
         )
-    extra = d.actuators.effects if d.actuators is not None else []
-    verdict = d.verdict
+    effects += d.actuators.effects if d.actuators is not None else []
     return {
         "schema": 1,
-        "verdict": verdict,
-        "effects": effects + extra,
+        "verdict": d.verdict,
+        "effects": effects,
         "ambiguous": [
             {
                 "candidates": [_set(d, f) for f in fits],
@@ -66,7 +66,8 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
                 "experiment": "next_experiment.npz" if experiment is not None else None,
             }
             for term, fits in ambiguous.items()
-        ],
+        ]
+        + _parts_of_unknown(d, effects),
         "unexplained": None
         if d.unexplained is None
         else {k: x for k, x in d.unexplained.items() if k != "of"},
@@ -84,6 +85,16 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
         "seed": d.config.seed,
         "versions": _versions(),
     }
+
+
+def _parts_of_unknown(d: Result, effects: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What is named, or that it is a part of what has no name, where the two cannot be told apart."""
+    named = {(t.name, t.place.name) for t in d.doubtful}
+    parts = [{k: e[k] for k in ("id", "at", "parameters")} for e in effects if (e["id"], e["at"]) in named]
+    if not parts or d.unexplained is None:
+        return []
+    unknown = [{"id": UNKNOWN, "at": at, "parameters": {}} for at in d.unexplained["at"]]
+    return [{"candidates": [parts, unknown], "separated_by": alone(d.unexplained["at"]), "experiment": None}]
 
 
 def _residual(r: ResidualModel) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
@@ -26,6 +27,7 @@ from mpge_jax.diagnosis.force_balance.procedure import (
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.residual.forces import residual_of_forces
 from mpge_jax.diagnosis.thresholds import SLIGHT
+from mpge_jax.diagnosis.verdict.part_of_unknown import acted_on, doubtful, left_beside
 from mpge_jax.diagnosis.verdict.remainder_description import in_words
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -50,11 +52,15 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     train = force_errors(p, p.looked_at, resolution, fit)
     rivals = {t: _rivals(found, fit, t) for t in fit.hypothesis.terms}
     real, share = _left(held)
-    unexplained, residual = None, None
+    unexplained, residual, beside = None, None, {}
     if real and (share > SLIGHT or not fit.hypothesis.terms):
         unexplained = _describe(p, held, share)
         say("modelling what is left")
         residual = residual_of_forces(p, found.balance, fit, unexplained["at"], held)
+        parts = fit.hypothesis.split(p.ctx, fit.theta)
+        without = {t: rms(_without(test, parts, t) - test.measured) for t in parts}
+        joints = [acted_on(p.model, Place("actuator", a, k)) for k, a in enumerate(p.names.actuators)]
+        beside = left_beside(p, unexplained["at"], held.each_after, without, held.floors, joints)
     if unexplained is not None:
         verdict = "unexplained"
     elif any(r.tied for each in rivals.values() for r in each):
@@ -66,6 +72,7 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
         verdict, p, fit, rivals, drops, train, held, _location(p, train), unexplained,
         list(dict.fromkeys(p.warnings)), p.config, found.search.log,
         remainder=share if real and unexplained is None else 0.0, residual=residual,
+        doubtful=doubtful(beside, None),
     )  # fmt: skip
 
 

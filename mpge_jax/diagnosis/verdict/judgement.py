@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -20,7 +21,13 @@ from mpge_jax.diagnosis.estimation.whitening import (
     numerics,
     whitener,
 )
-from mpge_jax.diagnosis.evidence.held_out_error import WINDOWS, FitReport, error_drops, fit_report
+from mpge_jax.diagnosis.evidence.held_out_error import (
+    WINDOWS,
+    FitReport,
+    error_drops,
+    errors_without,
+    fit_report,
+)
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.selection.procedure import Decision
 from mpge_jax.diagnosis.selection.remainder import leaves
@@ -29,6 +36,7 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING, SLIGHT
 from mpge_jax.diagnosis.verdict.location import by_joint
+from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_beside
 from mpge_jax.diagnosis.verdict.remainder_description import describe
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -119,9 +127,13 @@ def struck(p: Prepared, found: Decision, held: FitReport) -> list[str]:
     ]
 
 
-def matters(share: float) -> bool:
-    """Whether that share of the squared error is more than a detail."""
-    return share > SLIGHT
+def matters(share: float, beside: Sequence[float]) -> bool:
+    """Whether what is left is more than a detail, also beside each of the effects that act where it is.
+
+    Args:
+        share: of the squared error. beside: of that without each such effect.
+    """
+    return max([share, *beside]) > SLIGHT
 
 
 def judge(
@@ -159,9 +171,15 @@ def judge(
         left = leaves(s, found.fit)
     if left is not None:
         share = held.left(p.sim.rugged(left.fit.hypothesis)) ** 2 if corrected else 1.0
-    unexplained, residual = None, None
-    if left is not None and matters(share):
-        unexplained = describe(p, left, share)
+    without = errors_without(p, found.fit, held)
+    unexplained, residual, beside = None, None, {}
+    if left is not None:
+        told = describe(p, left, share)
+        each = {t: e.joint for t, e in without.items()}
+        joints = [[j] for j in p.model.dof_jntid]
+        beside = left_beside(p, told["at"], held.after.joint, each, held.floor, joints)
+        unexplained = told if matters(share, [x.there for x in beside.values()]) else None
+    if unexplained is not None:
         s.say("modelling what is left")
         residual = residual_of_motion(p, s, found.fit, unexplained["at"], shown, held)
     if unexplained is None:
@@ -169,7 +187,7 @@ def judge(
         p.warnings += struck(p, found, held)
     if drives is not None:
         unexplained = together([unexplained, *drives.left])
-    drop = error_drops(p, found.fit, held)
+    drop = error_drops(held, without)
     if unexplained is not None:
         verdict = "unexplained"
     elif any(r.tied for rivals in found.rivals.values() for r in rivals):
@@ -194,4 +212,5 @@ def judge(
         drives,
         remainder=share if unexplained is None else 0.0,
         residual=residual,
+        doubtful=doubtful(beside, drives) if unexplained is not None else (),
     )

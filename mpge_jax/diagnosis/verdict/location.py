@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -11,8 +10,9 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.missing_force import active_dofs, excess_by_dof
 from mpge_jax.diagnosis.estimation.whitening import whitener
-from mpge_jax.diagnosis.machine.model import floating_base_joints, moments
+from mpge_jax.diagnosis.machine.model import floating_base_joints
 from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.verdict.part_of_unknown import acted_on
 from mpge_jax.diagnosis.verdict.result import Result, candidates_of
 
 
@@ -34,14 +34,14 @@ def locate(d: Result) -> list[tuple[str, str, float]]:
         if kind == "geom":
             kind, name = "body", p.names.bodies[int(p.model.geom_bodyid[place.index])]
         if kind in ("actuator", "body", "world"):
-            joints = _moved(p.model, place)
+            joints = acted_on(p.model, place)
             ratios = [by_joint[p.names.joints[j]] for j in joints if p.names.joints[j] in by_joint]
             rows[name, kind] = max([rows.get((name, kind), 0.0), *ratios])
         elif name in by_joint and name not in base:
             rows[name, kind] = by_joint[name]
     for name in d.unexplained["at"] if d.unexplained is not None else ():
         if name in p.names.actuators and name not in by_joint:
-            joints = _moved(p.model, Place("actuator", name, p.names.actuators.index(name)))
+            joints = acted_on(p.model, Place("actuator", name, p.names.actuators.index(name)))
             ratios = [by_joint.get(p.names.joints[j], 0.0) for j in joints]
             rows[name, "actuator"] = max([rows.get((name, "actuator"), 0.0), *ratios])
     if d.actuators is not None:
@@ -85,21 +85,3 @@ def _named(d: Result) -> list[Term]:
     """Terms that were found, then those that the recordings cannot tell from them."""
     tied = [t for fits in candidates_of(d).values() for f in fits for t in f.hypothesis.named]
     return list(dict.fromkeys([*d.terms, *tied]))
-
-
-def _moved(model: mujoco.MjModel, place: Place) -> list[int]:
-    """Joints on which a place acts: those of an actuator, those that carry a body, or all of them."""
-    if place.kind == "actuator":
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        dofs = np.flatnonzero(moments(model, data)[place.index])
-        return sorted({int(model.dof_jntid[dof]) for dof in dofs})
-    if place.kind == "world":
-        return list(range(model.njnt))
-    body = place.index if place.kind == "body" else int(model.geom_bodyid[place.index])
-    out: list[int] = []
-    while body:
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        out += range(first, first + count)
-        body = int(model.body_parentid[body])
-    return sorted(out)

@@ -33,6 +33,7 @@ class Result:
         log: what was tried, line by line. seconds: how long it took. model: file of the nominal model, if it had one.
         remainder: share of the held-out squared error that is more than noise, and too slight to change the verdict.
         residual: what is left as functions, where these make test recordings better predicted.
+        doubtful: effects, of drives too, that may be a part of what is left.
     """
 
     verdict: str
@@ -51,6 +52,7 @@ class Result:
     seconds: float = 0.0
     remainder: float = 0.0
     residual: ResidualModel | None = None
+    doubtful: tuple[Term, ...] = ()
     model: Path | None = None
 
     @property

@@ -138,7 +138,7 @@ def test_candidates_are_told_in_one_sentence():
     errors = SimpleNamespace(rms=0.1, window=np.full(3, 0.1))
     d = SimpleNamespace(
         terms=(friction,), fit=fits[0], rivals={friction: [rival]}, ctx=ctx, actuators=None, unexplained=None,
-        remainder=0.0, residual=None, given_inertias=None, error_drop={friction: 0.9, payload: 0.5},
+        remainder=0.0, residual=None, doubtful=(), given_inertias=None, error_drop={friction: 0.9, payload: 0.5},
         prepared=SimpleNamespace(
             model=ctx.model, measured=np.zeros(1, bool), train=()
         ),
@@ -173,6 +173,17 @@ def test_candidates_are_told_in_one_sentence():
     # a share of the error is said where something is explained
     d.remainder, d.unexplained = 0.0, {"at": ["hinge"], "when": "always", "share": 0.3, "of": "motion"}
     assert "Beyond that, something acts at the hinge" in explanation(d) and "makes up 30 %" in explanation(d)
+    assert "may be a part of the same" not in explanation(d)
+    d.doubtful = (friction, payload)
+    assert (
+        explanation(d)
+        .partition("predicts. ")[2]
+        .startswith(
+            "What was named there may be a part of the same: too much is left beside coulomb friction at hinge and "
+            "payload mass at arm to be sure of them."
+        )
+    )
+    d.doubtful = ()
     d.terms, d.fit = (), NOTHING
     assert explanation(d) == "Something acts at the hinge that no known effect explains: always."
 

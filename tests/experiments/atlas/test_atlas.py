@@ -72,6 +72,16 @@ def test_a_row_by_hand(tmp_path):
     assert "| Friction damper with backlash | owner/name @1234 | MIT |" in text
 
 
+def test_what_may_be_a_part_of_the_unknown_is_told_with_it(tmp_path):
+    parts = [[["coulomb_friction", "slide"]], [["unexplained", "slide"]]]
+    text = page.markdown(page.rows(docs_with(tmp_path, brfd={**ROW, "ambiguous": [parts]})))
+    (line,) = (line for line in text.splitlines() if line.startswith("| [Friction damper"))
+    assert line.split("|")[4].strip() == (
+        "coulomb friction (slide); actuator bias (rig); something unknown (slide), of which coulomb friction (slide) "
+        "may be a part"
+    )
+
+
 def test_an_error_that_rises_is_not_said_to_fall(tmp_path):
     worse = {**ROW, "after": 6000.0, "each": {"rig": [0.37, 0.38]}}
     text = page.markdown(page.rows(docs_with(tmp_path, brfd=worse)))

@@ -1,0 +1,107 @@
+"""What is named where something acts that has no name: whether it may be a part of that.
+
+A law that is only like what acts takes much of the error away, and leaves the rest at its own place. A name is certain
+there only where what is left is slight beside what it explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide
+from mpge_jax.diagnosis.effects.context import Place
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.machine.model import moments
+from mpge_jax.diagnosis.thresholds import SLIGHT
+
+Array = np.ndarray
+UNKNOWN = "unexplained"
+"""Identifier, among candidates, of what has no name."""
+
+
+def acted_on(model: mujoco.MjModel, place: Place) -> list[int]:
+    """Joints on which a place acts: a joint's own, those of an actuator, those that carry a body or a geom, or all."""
+    if place.kind == "joint":
+        return [place.index]
+    if place.kind == "actuator":
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        dofs = np.flatnonzero(moments(model, data)[place.index])
+        return sorted({int(model.dof_jntid[dof]) for dof in dofs})
+    if place.kind == "world":
+        return list(range(model.njnt))
+    body = place.index if place.kind == "body" else int(model.geom_bodyid[place.index])
+    out: list[int] = []
+    while body:
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        out += range(first, first + count)
+        body = int(model.body_parentid[body])
+    return sorted(out)
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Of the squared error without an effect, noise aside, the share that is left with it: where something is left, and
+    over all joints on which the effect acts."""
+
+    there: float
+    own: float
+
+
+def left_beside(
+    p: Prepared,
+    at: Sequence[str],
+    after: Array,
+    without: Mapping[Term, Array],
+    floor: Array | float,
+    columns: Sequence[Sequence[int]],
+) -> dict[Term, Beside]:
+    """What is left beside every effect that acts where something is left.
+
+    Args:
+        at: where something is left: joints, actuators, or the bodies of floating bases. after: [n] rms errors with all
+            effects. without: the same without each. floor: what noise leaves of them. columns: the joints of which each
+            of these errors tells.
+    """
+    here = {j for name in at for j in _joints_at(p, name)}
+
+    def share(error: Array, joints: set[int]) -> float:
+        shown = np.array([bool(joints.intersection(of)) for of in columns])
+        left, whole = (
+            float(np.nansum(np.maximum(x**2 - np.square(floor), 0.0)[shown])) for x in (after, error)
+        )
+        return left / max(whole, 1e-300)
+
+    its = {term: set(acted_on(p.model, term.place)) for term in without}
+    return {
+        term: Beside(share(error, here), share(error, its[term]))
+        for term, error in without.items()
+        if here & its[term]
+    }
+
+
+def _joints_at(p: Prepared, name: str) -> list[int]:
+    if name in p.names.joints:
+        return [p.names.joints.index(name)]
+    if name in p.names.actuators:
+        return acted_on(p.model, Place("actuator", name, p.names.actuators.index(name)))
+    return [int(j) for j in np.flatnonzero(p.model.jnt_bodyid == p.names.bodies.index(name))]
+
+
+def doubtful(beside: Mapping[Term, Beside], drives: ActuatorSide | None) -> tuple[Term, ...]:
+    """Effects that may be a part of what is left, as that is not slight beside them; those of drives too, of which
+    something is left between command and measured force.
+
+    Args:
+        beside: what is `left_beside` them.
+    """
+    parts = [t for t, left in beside.items() if left.own > SLIGHT and t.effect.named]
+    if drives is not None:
+        odd = {name for entry in drives.left for name in entry["at"]}
+        parts += [t for t, drop in drives.drops.items() if t.place.name in odd and 1.0 - drop > SLIGHT]
+    return tuple(parts)

@@ -1,0 +1,121 @@
+"""Effects that act where something is left that has no name: whether they may be a part of it."""
+
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis import Config, diagnose
+from mpge_jax.diagnosis.effects.context import Place
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.machine.model import names_of
+from mpge_jax.diagnosis.verdict import judgement
+from mpge_jax.diagnosis.verdict.judgement import matters
+from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, acted_on, doubtful, left_beside
+from tests.diagnosis.machines import ARM, FLYER, record
+
+MODEL = mujoco.MjModel.from_xml_string(ARM)
+P = SimpleNamespace(model=MODEL, names=names_of(MODEL))
+SHOULDER, ELBOW = Place("joint", "shoulder", 0), Place("joint", "elbow", 1)
+SERVO, FORE = Place("actuator", "elbow_servo", 1), Place("body", "fore", 2)
+RUBS, GAIN = Term("coulomb_friction", ELBOW), Term("actuator_gain", SERVO)
+PAYLOAD, SPRING = Term("payload_mass", FORE), Term("joint_stiffness", SHOULDER)
+WITHOUT = {
+    RUBS: np.array([0.1, 1.0]), GAIN: np.array([0.1, 5.0]), PAYLOAD: np.array([9.0, 0.2]),
+    SPRING: np.array([4.0, 0.5]),
+}  # fmt: skip
+AFTER, EACH = np.array([0.1, 0.5]), [[0], [1]]
+
+
+def test_a_place_acts_on_its_own_joints():
+    assert acted_on(MODEL, SHOULDER) == [0] and acted_on(MODEL, SERVO) == [1]
+    # a body is carried by all joints up to the world, a geom goes by its body
+    assert acted_on(MODEL, FORE) == [0, 1] and acted_on(MODEL, Place("geom", "", 0)) == [0]
+    assert acted_on(MODEL, Place("world", "world", 0)) == [0, 1]
+
+
+def test_what_is_left_counts_there_and_where_an_effect_acts():
+    shares = left_beside(P, ["elbow"], AFTER, WITHOUT, 0.1, EACH)
+    # at the elbow 0.5^2 - 0.1^2 = 0.24 is left, of 0.99, of 24.99 and of 0.03; the spring acts at the shoulder alone
+    assert {t: x.there for t, x in shares.items()} == pytest.approx(
+        {RUBS: 0.24 / 0.99, GAIN: 0.24 / 24.99, PAYLOAD: 0.24 / 0.03}
+    )
+    # the payload moves the shoulder too, where it explains far more: of 80.99 + 0.03
+    assert {t: x.own for t, x in shares.items()} == pytest.approx(
+        {RUBS: 0.24 / 0.99, GAIN: 0.24 / 24.99, PAYLOAD: 0.24 / 81.02}
+    )
+    assert left_beside(P, ["elbow_servo"], AFTER, WITHOUT, 0.1, EACH) == shares
+    # what noise leaves of each error, and errors that nobody measured
+    floors, unseen = np.array([0.1, 0.5]), np.array([0.1, np.nan])
+    assert left_beside(P, ["elbow"], AFTER, WITHOUT, floors, EACH)[RUBS] == Beside(0.0, 0.0)
+    assert left_beside(P, ["elbow"], unseen, WITHOUT, 0.1, EACH)[RUBS] == Beside(0.0, 0.0)
+    both = left_beside(P, ["elbow", "shoulder"], AFTER, WITHOUT, 0.0, EACH)
+    assert len(both) == 4
+    assert (both[SPRING].there, both[SPRING].own) == pytest.approx((0.26 / 16.25, 0.01 / 16.0))
+
+
+def test_a_floating_base_goes_by_its_body():
+    m = mujoco.MjModel.from_xml_string(FLYER)
+    p, drag = SimpleNamespace(model=m, names=names_of(m)), Term("quadratic_drag", Place("body", "frame", 1))
+    shares = left_beside(p, ["frame"], np.full(6, 0.1), {drag: np.full(6, 0.2)}, 0.0, [[0]] * 6)
+    assert (shares[drag].there, shares[drag].own) == pytest.approx((0.25, 0.25))
+
+
+def test_what_is_left_is_a_detail_only_beside_all_that_acts_there():
+    assert matters(0.03, []) and not matters(0.01, [0.015, 0.001])
+    assert matters(0.001, [0.5, 0.001])
+
+
+def test_effects_are_in_doubt_where_more_than_a_detail_is_left_beside_them():
+    assert doubtful({RUBS: Beside(0.3, 0.3), GAIN: Beside(0.3, 0.01), PAYLOAD: Beside(0.1, 7.0)}, None) == (
+        RUBS,
+        PAYLOAD,
+    )
+    shoulder = Term("back_emf", Place("actuator", "shoulder_motor", 0))
+    drives = SimpleNamespace(left=[{"at": ["elbow_servo"]}], drops={GAIN: 0.9, shoulder: 0.5})
+    assert doubtful({}, drives) == (GAIN,)
+    drives.drops[GAIN] = 0.999
+    assert doubtful({}, drives) == ()
+
+
+@pytest.fixture(scope="module")
+def rubs_otherwise():
+    """A spring at the shoulder, and damping at the elbow that depends on the angle."""
+
+    def force(m: mujoco.MjModel, d: mujoco.MjData) -> None:
+        d.qfrc_applied[0] = -30.0 * d.qpos[0]
+        d.qfrc_applied[1] = -0.15 * d.qvel[1] * (1.0 + 1.5 * np.sin(3.0 * d.qpos[1]))
+
+    effects = ("viscous_damping", "joint_stiffness")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(judgement, "residual_of_motion", lambda *_: None)
+        recordings = record(ARM, [4.0, 0.8], force=force, seconds=3.0)
+        return diagnose(mujoco.MjSpec.from_string(ARM), recordings, Config(effects=effects, jobs=1))
+
+
+def test_a_detail_of_all_errors_may_be_much_beside_one_effect(rubs_otherwise):
+    d, table = rubs_otherwise, rubs_otherwise.to_json()
+    assert (d.verdict, d.unexplained["at"]) == ("unexplained", ["elbow"])
+    assert d.unexplained["share"] < 0.01
+    assert {(e["id"], e["at"]) for e in table["effects"]} == {
+        ("joint_stiffness", "shoulder"),
+        ("viscous_damping", "elbow"),
+    }
+    # the spring explains far more than is left, and acts elsewhere
+    assert [str(t) for t in d.doubtful] == ["viscous_damping@elbow"]
+
+
+def test_doubt_is_told_in_the_table_and_in_words(rubs_otherwise):
+    table = rubs_otherwise.to_json()
+    (group,) = table["ambiguous"]
+    (named,), unknown = group["candidates"]
+    assert (named["id"], named["at"]) == ("viscous_damping", "elbow") and named["parameters"]["coefficient"]
+    assert unknown == [{"id": "unexplained", "at": "elbow", "parameters": {}}]
+    assert (
+        group["separated_by"].startswith("move elbow alone, slowly and fast") and group["experiment"] is None
+    )
+    assert (
+        "What was named there may be a part of the same: too much is left beside viscous damping at elbow to be"
+        in (table["explanation"])
+    )
