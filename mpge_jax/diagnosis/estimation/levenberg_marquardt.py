@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Param
+from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.covariance import finish, recordings_differ, widened
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss, prior_widths
 from mpge_jax.diagnosis.estimation.parameter_steps import (
@@ -22,6 +24,7 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
+Slopes = Mapping[Term, Array]
 LONGER, LONGEST = 10.0, 100.0
 """Growth, and the most of it, of the differences of which slopes are told in machines with contacts where no step along
 them is better: over short ones a single impact may hold them fast."""
@@ -49,6 +52,8 @@ def fit(
     iterations: int = 8,
     tolerance: float = 1e-3,
     stride: float = 1.0,
+    slopes: Slopes | None = None,
+    anew: bool = True,
 ) -> list[Fitted]:
     """Fit every start; returns them in order, with losses, information and covariances on `w`.
 
@@ -58,17 +63,23 @@ def fit(
 
     Args:
         tolerance: share of the loss (of a tenth at least) that is no gain. stride: length of finite differences, in
-            usual ones.
+            usual ones. slopes: of terms that the starts share, told near them: the fit begins with these. anew: slopes
+            are simulated once more in the end; else information and covariances are those of the secants.
     """
     problems = [Problem(f, f.hypothesis.params(sim.ctx), stride=stride) for f in starts]
     _verify(sim, problems, w, white, tolerance)
+    _linearise(sim, problems, w, white, slopes)
     for _ in range(iterations):
         active = [p for p in problems if not p.done and p.params]
         if not active:
             break
         _advance(sim, active, w, white, tolerance, stride)
-        _verify(sim, [p for p in active if p.done], w, white, tolerance)
-    _verify(sim, [p for p in problems if not p.done], w, white, tolerance)
+        ended = [p for p in active if p.done]
+        _verify(sim, ended, w, white, tolerance)
+        _linearise(sim, [p for p in ended if anew or not p.done], w, white)
+    rest = [p for p in problems if not p.done]
+    _verify(sim, rest, w, white, tolerance)
+    _linearise(sim, rest if anew else [], w, white)
     longer = [p for p in problems if p.stride != stride]
     for p in longer:
         p.stride = stride
@@ -165,53 +176,79 @@ def _move(p: Problem, to: Fitted, flat: Array) -> None:
 
 
 def _verify(sim: Simulator, problems: list[Problem], w: Windows, white: Whitener, tolerance: float) -> None:
-    """Losses by the model's own steps, and slopes, where problems stand. Where cheaper steps led one astray, it goes
-    back to where that was done last; where they promised something else, it goes on."""
-    if sim.costly(w):
-        exact = sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in problems], w)
-        for p, r in zip(problems, exact, strict=True):
-            found = _judged(p, p.fit.theta, white(r), w, white)
-            if p.verified is not None and found.loss >= p.verified.loss:
-                p.fit = p.verified
-                continue
-            p.done = p.done and abs(found.loss - p.fit.loss) < tolerance * max(found.loss, LEAST)
-            p.fit = p.verified = found
-            p.exact = r
-    _linearise(sim, problems, w, white)
+    """Losses by the model's own steps where problems stand, if cheaper ones told them. Where these led one astray, it
+    goes back to where that was done last; where they promised something else, it goes on."""
+    if not sim.costly(w):
+        return
+    exact = sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in problems], w)
+    for p, r in zip(problems, exact, strict=True):
+        found = _judged(p, p.fit.theta, white(r), w, white)
+        if p.verified is not None and found.loss >= p.verified.loss:
+            p.fit = p.verified
+            continue
+        p.done = p.done and abs(found.loss - p.fit.loss) < tolerance * max(found.loss, LEAST)
+        p.fit = p.verified = found
+        p.exact = r
 
 
-def _linearise(sim: Simulator, problems: list[Problem], w: Windows, white: Whitener) -> None:
-    """Residuals and Jacobians [p, W, M] at the present parameters, all in one batch."""
+def _linearise(
+    sim: Simulator, problems: list[Problem], w: Windows, white: Whitener, known: Slopes | None = None
+) -> None:
+    """Residuals and Jacobians [p, W, M] at the present parameters, all in one batch; of terms whose slopes are `known`
+    near these, those."""
     runs: list[Run] = []
-    layout: list[tuple[int, Array]] = []
+    layout: list[tuple[int, Array, dict[int, Array]]] = []
     for p in problems:
-        steps = p.steps()
-        layout.append((len(runs), steps))
+        steps, told = p.steps(), _of_parameters(p, sim, known or {})
+        layout.append((len(runs), steps, told))
         runs.append(Run(p.fit.hypothesis, p.fit.theta))
-        for i, h in enumerate(steps):
+        for i in (i for i in range(steps.size) if i not in told):
             theta = p.fit.theta.copy()
-            theta[i] += h
+            theta[i] += steps[i]
             runs.append(Run(p.fit.hypothesis, theta))
     if not runs:
         return
     costly = sim.costly(w)
     res = (sim.cheaply if costly else sim.residuals)(runs, w)
-    for p, (first, steps) in zip(problems, layout, strict=True):
-        here = res[first : first + 1 + steps.size]
-        if costly:
-            if p.verified is p.fit:
-                p.offset = p.exact - here[0]
+    for p, (first, steps, told) in zip(problems, layout, strict=True):
+        own = [i for i in range(steps.size) if i not in told]
+        here = res[first : first + 1 + len(own)]
+        if costly and p.verified is p.fit:
+            p.offset = p.exact - here[0]
+        if p.offset.size:
             here = here + p.offset
         flat = white(here)
-        p.whitened, p.secant = flat[0], False
-        p.jacobian = (flat[1:] - flat[0]) / steps[:, None, None]
+        p.whitened, p.secant = flat[0], bool(told)
+        p.jacobian = np.empty((steps.size, *flat.shape[1:]), flat.dtype)
+        p.jacobian[own] = (flat[1:] - flat[0]) / steps[own, None, None]
+        for i, column in told.items():
+            p.jacobian[i] = column
         p.fit = _judged(p, p.fit.theta, flat[0], w, white)
+
+
+def _of_parameters(p: Problem, sim: Simulator, known: Slopes) -> dict[int, Array]:
+    """Known slopes [W, M] by the index of the parameter."""
+    h = p.fit.hypothesis
+    parts = zip(h.terms, h.slices(sim.ctx), strict=True)
+    return {
+        i: known[t][i - part.start] for t, part in parts if t in known for i in range(part.start, part.stop)
+    }
+
+
+def slopes_of(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Slopes:
+    """Slopes [p, W, M] of the whitened residuals by every term's parameters."""
+    if not f.theta.size:
+        return {}
+    p = Problem(f, f.hypothesis.params(sim.ctx))
+    _linearise(sim, [p], w, white)
+    return {t: p.jacobian[k] for t, k in zip(f.hypothesis.terms, f.hypothesis.slices(sim.ctx), strict=True)}
 
 
 def _standing(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Problem:
     """A fit where it stands, with its residuals and slopes there."""
     p = Problem(f, f.hypothesis.params(sim.ctx))
     _verify(sim, [p], w, white, 0.0)
+    _linearise(sim, [p], w, white)
     return p
 
 

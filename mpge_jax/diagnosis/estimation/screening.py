@@ -9,6 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, slopes_of
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, promise, proposals
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
@@ -42,15 +43,25 @@ STARTS = 2
 """Starting values of one term from which steps are simulated: those that promise most."""
 
 
-def screen(sim: Simulator, base: Fitted, terms: list[Term], w: Windows, white: Whitener) -> list[Fitted]:
+def screen(
+    sim: Simulator,
+    base: Fitted,
+    terms: list[Term],
+    w: Windows,
+    white: Whitener,
+    slopes: Slopes | None = None,
+) -> list[Fitted]:
     """Best quick fit of `base` plus each term, lowest loss first.
 
     Every start of every term is simulated, the best ones are linearised once, with the base's parameters free, and two
     step lengths are simulated where the linear model promises anything. The base's own Jacobian is shared by all.
     Elaborate laws of friction, and second forms of plain ones, are tried where a plain one helps.
+
+    Args:
+        slopes: of the base (`slopes_of`), if they are known.
     """
     near = Near.to(sim, Run(base.hypothesis, base.theta), w)
-    own = _base_jacobian(near, base, white)
+    own = slopes_of(sim, base, w, white) if slopes is None else slopes
     before = float(
         robust_loss(white.excess(_whitened(near, [Run(base.hypothesis, base.theta)], white))).mean()
     )
@@ -76,7 +87,7 @@ def _quick_fits(
     base: Fitted,
     terms: list[Term],
     white: Whitener,
-    own: dict[Term, Array],
+    own: Slopes,
     before: float,
     known: dict[Term, Array] | None = None,
 ) -> list[Fitted]:
@@ -216,21 +227,3 @@ def _whitened(near: Near, runs: list[Run], white: Whitener) -> Array:
     for a in range(0, len(runs), 64):
         out[a : a + 64] = white(near.residuals(runs[a : a + 64]))
     return out
-
-
-def _base_jacobian(near: Near, base: Fitted, white: Whitener) -> dict[Term, Array]:
-    if not base.theta.size:
-        return {}
-    p = Problem(base, base.hypothesis.params(near.sim.ctx))
-    steps = p.steps()
-    runs = [Run(base.hypothesis, base.theta)]
-    for i, h in enumerate(steps):
-        moved = base.theta.copy()
-        moved[i] += h
-        runs.append(Run(base.hypothesis, moved))
-    flat = _whitened(near, runs, white)
-    columns = (flat[1:] - flat[0]) / steps[:, None, None]
-    return {
-        t: columns[s]
-        for t, s in zip(base.hypothesis.terms, base.hypothesis.slices(near.sim.ctx), strict=True)
-    }

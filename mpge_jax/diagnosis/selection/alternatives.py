@@ -8,7 +8,7 @@ from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, evaluate, fit, slopes_of
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, starts_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, odds
@@ -55,6 +55,7 @@ def find_rivals(
     terms = best.fit.hypothesis.terms
     many = s.brief(best.fit.hypothesis)
     keep = KEEP_OF_MANY if many else keep
+    slopes = slopes_of(s.sim, best.fit, s.train, whites[0])
     for term in best.fit.hypothesis.named:
         s.say(f"weighing alternatives to {term}")
         base_h = best.fit.hypothesis.without(term)
@@ -66,12 +67,13 @@ def find_rivals(
         if many:
             here = _joints(ctx, term.place)
             candidates = [t for t in candidates if here & _joints(ctx, t.place) or same(ctx, term, t)]
-        screened = s.screened(base, sample, candidates)
+        beside = slopes_of(s.sim, base, *sample)
+        screened = s.screened(base, sample, candidates, beside)
         fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
         alike = {base_h.with_term(t) for t in candidates if same(ctx, term, t)}
         pool = screened[:keep] + [r for r in screened[keep:] if r.hypothesis in alike]
         pool = [fitted.get(r.hypothesis, r) for r in pool]
-        fits = fit(s.sim, pool, *sample, iterations=2)
+        fits = fit(s.sim, pool, *sample, iterations=2, slopes=beside, anew=False)
         if fits:
             # what comes near is judged on all windows, so it is fitted to them
             near = hopeful(fits, evaluate(s.sim, [base], *sample)[0].loss)
@@ -80,10 +82,10 @@ def find_rivals(
             near += [f for f in fits if f.hypothesis in alike - {x.hypothesis for x in near}]
             nearest = {f.hypothesis for f in near}
             far = [f for f in fits if f.hypothesis not in nearest]
-            fits = [*fit(s.sim, near, s.train, whites[0], iterations=ITERATIONS), *far]
+            fits = [*fit(s.sim, near, s.train, whites[0], iterations=ITERATIONS, slopes=slopes), *far]
         unsettled = best.losses.mean() > SETTLED or best.factor > 1.0
         if term.id in PLAIN_LAWS and (unsettled or _pushed(ctx, best.fit.hypothesis, term)):
-            fits += _richer(s, best, whites[0], sample, term)
+            fits += _richer(s, best, whites[0], sample, term, (beside, slopes))
         rivals = []
         for r in s.score(fits, whites):
             other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
@@ -115,10 +117,19 @@ def _all_drives_weaker(s: Search, best: Scored, whites: tuple[Whitener, Whitener
 
 
 def _richer(
-    s: Search, best: Scored, white: Whitener, sample: tuple[Windows, Whitener], term: Term
+    s: Search,
+    best: Scored,
+    white: Whitener,
+    sample: tuple[Windows, Whitener],
+    term: Term,
+    slopes: tuple[Slopes, Slopes],
 ) -> list[Fitted]:
     """The elaborate laws of friction that contain a plain one, fitted from where the latter stands: beside other
-    effects, and through contacts, generic starts do not lead there."""
+    effects, and through contacts, generic starts do not lead there.
+
+    Args:
+        slopes: of the others, on the sample and on all windows.
+    """
     ctx, without = s.sim.ctx, best.fit.hypothesis.without(term)
     parts = best.fit.hypothesis.split(ctx, best.fit.theta)
     starts = []
@@ -130,11 +141,11 @@ def _richer(
             theta = h.gather(ctx, {**parts, form: start})
             starts.append(Fitted(h, theta, theta))
     best_of: dict[Hypothesis, Fitted] = {}
-    for f in fit(s.sim, starts, *sample, iterations=4):
+    for f in fit(s.sim, starts, *sample, iterations=4, slopes=slopes[0], anew=False):
         if f.hypothesis not in best_of or f.loss < best_of[f.hypothesis].loss:
             best_of[f.hypothesis] = f
     promising = sorted(best_of.values(), key=lambda f: f.loss)[:RICHER]
-    return fit(s.sim, promising, s.train, white, iterations=4)
+    return fit(s.sim, promising, s.train, white, iterations=4, slopes=slopes[1])
 
 
 def _pushed(ctx: Context, h: Hypothesis, term: Term) -> bool:

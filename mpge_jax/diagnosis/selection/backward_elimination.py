@@ -11,7 +11,12 @@ from mpge_jax.diagnosis.effects.drive import Drive
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.covariance import widened
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit, gauss_newton_shift, timing_error
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import (
+    fit,
+    gauss_newton_shift,
+    slopes_of,
+    timing_error,
+)
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, Whitener, numerics, whitener
 from mpge_jax.diagnosis.selection.closer_forms import with_plain
@@ -33,7 +38,9 @@ def prune(s: Search, current: Fitted) -> Fitted:
             return current
         whites = s.whiten(current)
         current = fit(s.sim, [current], s.train, whites[0], iterations=3)[0]
-        smaller = fit(s.sim, _simpler(s, current), s.train, whites[0], iterations=4)
+        slopes = slopes_of(s.sim, current, s.train, whites[0])
+        fewer = _simpler(s, current)
+        smaller = fit(s.sim, fewer, s.train, whites[0], iterations=4, slopes=slopes, anew=False)
         more = [current] if best is None else [current, best]
         scored = s.score([*smaller, *more], whites)
         weakest = min(scored[: len(smaller)], key=lambda r: r.losses.mean())

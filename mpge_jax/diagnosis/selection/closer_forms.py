@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.effects.closer import Closer
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit, slopes_of
 from mpge_jax.diagnosis.selection.competition import at_noise
 from mpge_jax.diagnosis.selection.criteria import needed
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -30,7 +30,8 @@ def closer(s: Search, current: Fitted) -> Fitted:
     if at_noise(s, current, white):
         return current
     sample = s.sample(current, white)
-    quick = fit(s.sim, _with_closer(ctx, current, plain), *sample, iterations=ITERATIONS)
+    slopes, starts = slopes_of(s.sim, current, *sample), _with_closer(ctx, current, plain)
+    quick = fit(s.sim, starts, *sample, iterations=ITERATIONS, slopes=slopes, anew=False)
     best = min(quick, key=lambda f: f.loss)
     if best.loss >= evaluate(s.sim, [current], *sample)[0].loss:
         return current

@@ -7,7 +7,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit, slopes_of
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.evidence.likelihood_ratio import stand_out
 from mpge_jax.diagnosis.evidence.scored import Scored, hopeful, with_simpler
@@ -31,13 +31,15 @@ def compete(s: Search, base: Fitted, terms: list[Term], keep: int = KEEP) -> tup
         return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
     terms = [t for t in terms if compatible(base.hypothesis, t)]
     sample = s.sample(base, white)
-    screened = s.screened(base, sample, terms)
+    slopes = slopes_of(s.sim, base, *sample)
+    screened = s.screened(base, sample, terms, slopes)
     before = evaluate(s.sim, [base], *sample)[0].loss
     if base.hypothesis.terms and hopeless(s, screened, before):
         return [], Scored(base, np.zeros(0), np.zeros(0), 0, 0)
     many = s.brief(base.hypothesis)
     keep = KEEP_OF_MANY if many else keep
-    fits = hopeful(fit(s.sim, with_simpler(screened, keep), *sample, iterations=4), before)
+    tried = with_simpler(screened, keep)
+    fits = hopeful(fit(s.sim, tried, *sample, iterations=4, slopes=slopes, anew=False), before)
     winner = None
     for _ in range(1 if many else 2):
         if not fits or fits[0].hypothesis == winner:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, evaluate
 from mpge_jax.diagnosis.estimation.screening import screen
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss, whitener_beside
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
@@ -97,9 +97,11 @@ class Search:
         index = screen_windows(evaluate(self.sim, [base], self.train, own)[0].x, rng)
         return self.train.take(index), white.take(index)
 
-    def screened(self, base: Fitted, sample: tuple[Windows, Whitener], terms: list[Term]) -> list[Fitted]:
+    def screened(
+        self, base: Fitted, sample: tuple[Windows, Whitener], terms: list[Term], slopes: Slopes | None = None
+    ) -> list[Fitted]:
         """Quick fits on a sample of the training windows, best first."""
-        return one_of_each(self.sim.ctx, screen(self.sim, base, terms, *sample))
+        return one_of_each(self.sim.ctx, screen(self.sim, base, terms, *sample, slopes))
 
     def brief(self, hypothesis: Hypothesis) -> bool:
         """Whether fewer alternatives are looked at: beside many terms, or beside two after long work."""

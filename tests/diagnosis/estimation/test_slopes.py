@@ -8,7 +8,7 @@ import pytest
 
 from mpge_jax.diagnosis.effects.context import Param
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.levenberg_marquardt import _move, fit, gauss_newton_shift
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import _move, fit, gauss_newton_shift, slopes_of
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from tests.diagnosis.machines import PENDULUM, record
@@ -98,3 +98,42 @@ def test_a_shift_of_residuals_is_told_in_parameters(rubbing):
     # predictions that move so are made up for by the opposite change
     shift = gauss_newton_shift(s.sim, here, s.train, white, 2 * now - then)
     assert shift == pytest.approx([0.001], rel=0.05)
+
+
+@pytest.mark.parametrize("wrong", [1.0, -1.0])
+def test_slopes_that_several_fits_share_are_simulated_once(rubbing, monkeypatch, wrong):
+    """Damping beside friction, with the slopes of friction told where it stands alone: the same optimum, by fewer
+    simulations if those are right, and all the same if they point the other way."""
+    s = rubbing
+    white = s.whiten_one(NOTHING, s.train)
+    alone, both = fitted(s, {COULOMB: [0.11]}), fitted(s, {COULOMB: [0.11], DAMPING: [0.01]})
+    ends, counts = [], []
+    for shared in (False, True):
+        sim, count = Simulator(s.sim.model, s.sim.ctx, stride=s.sim.stride), [0]
+        with monkeypatch.context() as m:
+            slopes = slopes_of(sim, alone, s.train, white) if shared else None
+            if slopes is not None:
+                assert set(slopes) == {COULOMB}
+                slopes = {COULOMB: wrong * slopes[COULOMB]}
+            _simulated(m, count)
+            ends.append(fit(sim, [both], s.train, white, slopes=slopes, anew=not shared)[0])
+        counts.append(count[0])
+    deviation = np.sqrt(np.diag(ends[0].cov))
+    assert (np.abs(ends[1].theta - ends[0].theta) < 0.3 * deviation).all()
+    assert ends[1].loss == pytest.approx(ends[0].loss, rel=1e-3)
+    if wrong == 1.0:
+        assert counts[1] < 0.85 * counts[0]
+        np.testing.assert_allclose(np.diag(ends[1].cov), np.diag(ends[0].cov), rtol=0.5)
+    # in the end slopes are those of the machine if it is asked for
+    again = fit(
+        s.sim,
+        [both],
+        s.train,
+        white,
+        slopes={COULOMB: wrong * slopes_of(s.sim, alone, s.train, white)[COULOMB]},
+    )
+    np.testing.assert_allclose(again[0].cov, ends[0].cov, rtol=0.1)
+
+
+def test_of_nothing_there_are_no_slopes(rubbing):
+    assert slopes_of(rubbing.sim, NOTHING, rubbing.train, rubbing.whiten_one(NOTHING, rubbing.train)) == {}
