@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,13 +83,11 @@ def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
     return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())))
 
 
-def error_drops(held: FitReport, without: dict[Term, Errors]) -> dict[Term, float]:
-    """Share of the held-out squared error that goes with each effect, the others kept.
-
-    Args:
-        without: errors without each.
-    """
-    return {t: float(1.0 - held.after.rms**2 / max(e.rms**2, 1e-30)) for t, e in without.items()}
+def error_drops(p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term]) -> dict[Term, float]:
+    """Share of the squared error in windows that goes with each of some terms of `f`, the others kept."""
+    after, h = errors(p.sim, f, w, p.noise).rms, f.hypothesis
+    without = {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), w, p.noise).rms for t in terms}
+    return {t: float(1.0 - after**2 / max(rms**2, 1e-30)) for t, rms in without.items()}
 
 
 def errors_without(p: Prepared, f: Fitted, report: FitReport) -> dict[Term, Errors]:

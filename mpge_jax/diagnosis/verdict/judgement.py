@@ -28,6 +28,7 @@ from mpge_jax.diagnosis.evidence.held_out_error import (
     errors_without,
     fit_report,
 )
+from mpge_jax.diagnosis.residual.model import with_residual
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.selection.procedure import Decision
 from mpge_jax.diagnosis.selection.remainder import leaves
@@ -187,7 +188,8 @@ def judge(
         p.warnings += struck(p, found, held)
     if drives is not None:
         unexplained = together([unexplained, *drives.left])
-    drop = error_drops(held, without)
+    whole = found.fit if residual is None else with_residual(p.ctx, found.fit, residual)
+    drop = error_drops(p, whole, held.windows, found.fit.hypothesis.terms)
     if unexplained is not None:
         verdict = "unexplained"
     elif any(r.tied for rivals in found.rivals.values() for r in rivals):

@@ -26,7 +26,8 @@ class Result:
     Attributes:
         verdict: "effects", "ambiguous", "unexplained" or "none".
         fit: the chosen effects with parameters and covariances. rivals: alternatives by term.
-        error_drop: share of the held-out squared error that goes with each term, the others kept.
+        error_drop: share of the held-out squared error that goes with each term, the others kept, those functions of
+        motion too that are the residual.
         train, held: errors before and after on training and on test recordings; of forces where the motion is given
         and they are predicted, else of motion. location: (place, kind, excess), largest first.
         unexplained: what is left, or None. actuators: what was found between command and measured force.

@@ -12,7 +12,8 @@ from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.residual import Axis, Residual
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
-from mpge_jax.diagnosis.evidence.held_out_error import fit_report, judged
+from mpge_jax.diagnosis.estimation.prediction_error import errors
+from mpge_jax.diagnosis.evidence.held_out_error import error_drops, fit_report, judged
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.residual.model import Function, with_function
 from mpge_jax.diagnosis.selection.procedure import Decision, what_is_left
@@ -161,3 +162,15 @@ def test_crosstalk_of_drives_is_one_force_and_no_wrong_masses():
     assert found["residual"]["at"] == ["elbow"] and found["residual"]["inputs"] == ["f:shoulder"]
     assert "0.06" in found["residual"]["formula"] and "f(shoulder)" in found["residual"]["formula"]
     assert found["residual"]["held_out"]["after"] < 0.2 * found["residual"]["held_out"]["before"]
+
+
+def test_what_goes_with_an_effect_is_told_beside_the_function(rubbing):
+    """Damping for what is dry friction: beside that friction as a function, damping makes the error larger."""
+    s, p = rubbing
+    damping, w = fitted(s, {DAMPING: [0.02]}), judged(p, "test")
+    both, alone = (with_function(p.ctx, f, RUBS.term, RUBS.theta) for f in (damping, NOTHING))
+    with_it, without = (errors(p.sim, f, w, p.noise).rms for f in (both, alone))
+    assert error_drops(p, both, w, damping.hypothesis.terms) == pytest.approx(
+        {DAMPING: 1 - with_it**2 / without**2}
+    )
+    assert error_drops(p, both, w, [DAMPING])[DAMPING] < 0.0 < error_drops(p, damping, w, [DAMPING])[DAMPING]

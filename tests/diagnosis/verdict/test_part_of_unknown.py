@@ -9,7 +9,10 @@ import pytest
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.machine.model import names_of
+from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function
 from mpge_jax.diagnosis.verdict import judgement
 from mpge_jax.diagnosis.verdict.judgement import matters
 from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, acted_on, doubtful, left_beside
@@ -79,6 +82,10 @@ def test_effects_are_in_doubt_where_more_than_a_detail_is_left_beside_them():
     assert doubtful({}, drives) == ()
 
 
+SPEED = Residual((Axis("v", -9.0, 9.0),), 9.0)
+BRAKES = Function(Term(SPEED.id, ELBOW), -0.2 * np.linspace(-9, 9, 9), None)
+
+
 @pytest.fixture(scope="module")
 def rubs_otherwise():
     """A spring at the shoulder, and damping at the elbow that depends on the angle."""
@@ -89,7 +96,7 @@ def rubs_otherwise():
 
     effects = ("viscous_damping", "joint_stiffness")
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(judgement, "residual_of_motion", lambda *_: None)
+        patched.setattr(judgement, "residual_of_motion", lambda *_: ResidualModel((BRAKES,), 0.2, 0.1))
         recordings = record(ARM, [4.0, 0.8], force=force, seconds=3.0)
         return diagnose(mujoco.MjSpec.from_string(ARM), recordings, Config(effects=effects, jobs=1))
 
@@ -104,6 +111,15 @@ def test_a_detail_of_all_errors_may_be_much_beside_one_effect(rubs_otherwise):
     }
     # the spring explains far more than is left, and acts elsewhere
     assert [str(t) for t in d.doubtful] == ["viscous_damping@elbow"]
+
+
+def test_what_goes_with_an_effect_goes_beside_what_stands_for_the_rest(rubs_otherwise):
+    d = rubs_otherwise
+    p, both = d.prepared, with_function(d.ctx, d.fit, BRAKES.term, BRAKES.theta)
+    (damping,) = d.doubtful
+    fewer = both.of_terms(d.ctx, both.hypothesis.without(damping))
+    with_it, without = (errors(p.sim, f, d.held.windows, p.noise).rms for f in (both, fewer))
+    assert d.error_drop[damping] == pytest.approx(1.0 - with_it**2 / without**2)
 
 
 def test_doubt_is_told_in_the_table_and_in_words(rubs_otherwise):
