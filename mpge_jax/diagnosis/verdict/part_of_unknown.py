@@ -61,7 +61,7 @@ def left_beside(
     floor: Array | float,
     columns: Sequence[Sequence[int]],
 ) -> dict[Term, Beside]:
-    """What is left beside every effect that acts where something is left.
+    """What is left beside every effect that acts where something is left, and is physics that a verdict names.
 
     Args:
         at: where something is left: joints, actuators, or the bodies of floating bases. after: [n] rms errors with all
@@ -77,11 +77,11 @@ def left_beside(
         )
         return left / max(whole, 1e-300)
 
-    its = {term: set(acted_on(p.model, term.place)) for term in without}
+    its = {term: set(acted_on(p.model, term.place)) for term in without if term.effect.named}
     return {
-        term: Beside(share(error, here), share(error, its[term]))
-        for term, error in without.items()
-        if here & its[term]
+        term: Beside(share(without[term], here), share(without[term], joints))
+        for term, joints in its.items()
+        if here & joints
     }
 
 
@@ -100,7 +100,7 @@ def doubtful(beside: Mapping[Term, Beside], drives: ActuatorSide | None) -> tupl
     Args:
         beside: what is `left_beside` them.
     """
-    parts = [t for t, left in beside.items() if left.own > SLIGHT and t.effect.named]
+    parts = [t for t, left in beside.items() if left.own > SLIGHT]
     if drives is not None:
         odd = {name for entry in drives.left for name in entry["at"]}
         parts += [t for t, drop in drives.drops.items() if t.place.name in odd and 1.0 - drop > SLIGHT]

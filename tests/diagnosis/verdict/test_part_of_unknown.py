@@ -9,6 +9,7 @@ import pytest
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.effects.residual import Axis, Residual
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.machine.model import names_of
@@ -49,6 +50,11 @@ def test_what_is_left_counts_there_and_where_an_effect_acts():
         {RUBS: 0.24 / 0.99, GAIN: 0.24 / 24.99, PAYLOAD: 0.24 / 81.02}
     )
     assert left_beside(P, ["elbow_servo"], AFTER, WITHOUT, 0.1, EACH) == shares
+    # what corrects the given masses is nothing that is named
+    assert (
+        left_beside(P, ["elbow"], AFTER, {**WITHOUT, given_inertias(0.03): np.full(2, 0.6)}, 0.1, EACH)
+        == shares
+    )
     # what noise leaves of each error, and errors that nobody measured
     floors, unseen = np.array([0.1, 0.5]), np.array([0.1, np.nan])
     assert left_beside(P, ["elbow"], AFTER, WITHOUT, floors, EACH)[RUBS] == Beside(0.0, 0.0)
