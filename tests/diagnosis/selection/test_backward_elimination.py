@@ -32,6 +32,7 @@ def test_what_many_explain_a_little_is_not_given_up_one_by_one(
     monkeypatch.setattr(s, "whiten", lambda f: (None, None))
     for name, stub in (
         ("fit", lambda sim, fits, *rest, **settings: fits),
+        ("slopes_of", lambda *_: {}),
         ("moves", lambda s, new, old: True),
         ("strength", lambda s, f: {t: float(TERMS.index(t)) / 10 for t in f.hypothesis.terms}),
     ):
