@@ -79,7 +79,8 @@ def fit(
         _linearise(sim, [p for p in ended if anew or not p.done], w, white)
     rest = [p for p in problems if not p.done]
     _verify(sim, rest, w, white, tolerance)
-    _linearise(sim, rest if anew else [], w, white)
+    if anew:
+        _linearise(sim, rest, w, white)
     longer = [p for p in problems if p.stride != stride]
     for p in longer:
         p.stride = stride

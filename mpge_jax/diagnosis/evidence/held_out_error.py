@@ -85,15 +85,18 @@ def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
 
 def error_drops(p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term]) -> dict[Term, float]:
     """Share of the squared error in windows that goes with each of some terms of `f`, the others kept."""
-    after, h = errors(p.sim, f, w, p.noise).rms, f.hypothesis
-    without = {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), w, p.noise).rms for t in terms}
-    return {t: float(1.0 - after**2 / max(rms**2, 1e-30)) for t, rms in without.items()}
+    after = errors(p.sim, f, w, p.noise).rms
+    return {t: float(1.0 - after**2 / max(e.rms**2, 1e-30)) for t, e in _without(p, f, w, terms).items()}
 
 
 def errors_without(p: Prepared, f: Fitted, report: FitReport) -> dict[Term, Errors]:
     """Errors on a report's windows without each effect, the others kept."""
+    return _without(p, f, report.windows, f.hypothesis.terms)
+
+
+def _without(p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term]) -> dict[Term, Errors]:
     h = f.hypothesis
-    return {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), report.windows, p.noise) for t in h.terms}
+    return {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), w, p.noise) for t in terms}
 
 
 BY_CHANCE = "some recordings speak for it, but others are not predicted better with it by more than chance"

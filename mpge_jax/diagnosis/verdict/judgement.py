@@ -172,11 +172,10 @@ def judge(
         left = leaves(s, found.fit)
     if left is not None:
         share = held.left(p.sim.rugged(left.fit.hypothesis)) ** 2 if corrected else 1.0
-    without = errors_without(p, found.fit, held)
     unexplained, residual, beside = None, None, {}
     if left is not None:
         told = describe(p, left, share)
-        each = {t: e.joint for t, e in without.items()}
+        each = {t: e.joint for t, e in errors_without(p, found.fit, held).items()}
         joints = [[j] for j in p.model.dof_jntid]
         beside = left_beside(p, told["at"], held.after.joint, each, held.floor, joints)
         unexplained = told if matters(share, [x.there for x in beside.values()]) else None
