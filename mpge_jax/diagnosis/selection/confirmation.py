@@ -70,7 +70,7 @@ def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, FitR
         weakest = min(sure, key=lambda t: sure[t])
         if beyond_doubt(sure[weakest]):
             break
-        fewer = _refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
+        fewer = refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
         its = fit_report(p, fewer, part)
         if beyond_doubt(_evidence(its.after, best, report.floors)) or (_helps(report) and not _helps(its)):
             break
@@ -95,7 +95,7 @@ def _without_what_adds(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[F
         if shares[worst] <= USUALLY:
             break
         gone.append(worst)
-        f = _refitted(s, f.of_terms(p.ctx, f.hypothesis.without(worst)))
+        f = refitted(s, f.of_terms(p.ctx, f.hypothesis.without(worst)))
     return f, gone
 
 
@@ -150,7 +150,7 @@ def _evidence(without: Errors, after: Errors, floors: Array) -> float:
     return together if beyond_doubt(-np.sign(ratio) * together) else ratio
 
 
-def _refitted(s: Search, f: Fitted) -> Fitted:
+def refitted(s: Search, f: Fitted) -> Fitted:
     if not f.hypothesis.terms:
         return NOTHING
     return fit(s.sim, [f], s.train, s.whiten_one(f, s.train), iterations=ITERATIONS)[0]

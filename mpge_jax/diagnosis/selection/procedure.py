@@ -81,9 +81,14 @@ def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision
     f, report, gone = confirmed(p, s, found.fit, part)
     if not gone:
         return found, report
+    return with_fewer(p, s, found, f), report
+
+
+def with_fewer(p: Prepared, s: Search, found: Decision, f: Fitted) -> Decision:
+    """What was found, with a fit of fewer effects."""
     rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
     noise, left = what_is_left(p, f, s, found.search)
-    return Decision(f, rivals, noise, left, found.search), report
+    return Decision(f, rivals, noise, left, found.search)
 
 
 def _with_honest_intervals(p: Prepared, s: Search, found: Decision) -> Fitted:

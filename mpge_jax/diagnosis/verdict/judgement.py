@@ -36,6 +36,7 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING, SLIGHT
+from mpge_jax.diagnosis.verdict.beside_functions import without_harm
 from mpge_jax.diagnosis.verdict.location import by_joint
 from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_beside
 from mpge_jax.diagnosis.verdict.remainder_description import describe
@@ -182,6 +183,10 @@ def judge(
     if unexplained is not None:
         s.say("modelling what is left")
         residual = residual_of_motion(p, s, found.fit, unexplained["at"], shown, held)
+        if residual is not None:
+            fewer = without_harm(p, s, found, unexplained["at"], residual, held)
+            if fewer is not found:
+                return judge(p, plain, s, fewer, fit_report(p, fewer.fit, "test"), drives)
     if unexplained is None:
         p.warnings += stepped
         p.warnings += struck(p, found, held)

@@ -57,7 +57,7 @@ def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
 
     monkeypatch.setattr(confirmation, "fit_report", report)
     monkeypatch.setattr(confirmation, "errors_without", without)
-    monkeypatch.setattr(confirmation, "_refitted", lambda s, f: f)
+    monkeypatch.setattr(confirmation, "refitted", lambda s, f: f)
     monkeypatch.setattr(confirmation, "_adds", lambda p, f, term, w, here: 0.0)
 
 

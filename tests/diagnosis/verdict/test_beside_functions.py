@@ -1,0 +1,73 @@
+"""Effects that only do harm once a function stands for what has no name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.estimation.prediction_error import errors
+from mpge_jax.diagnosis.evidence.held_out_error import fit_report
+from mpge_jax.diagnosis.evidence.null_distribution import Floor
+from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_residual
+from mpge_jax.diagnosis.selection.procedure import Decision
+from mpge_jax.diagnosis.verdict import beside_functions as module
+from mpge_jax.diagnosis.verdict.beside_functions import HARM, without_harm
+from tests.diagnosis.searches import COULOMB, DAMPING, GAIN, HINGE, fitted
+
+SPEED = Residual((Axis("v", -4.0, 4.0),), 4.0)
+
+
+def _rubs(torque: float) -> Function:
+    """Dry friction (N m) as a function of speed, as smooth as such functions are."""
+    return Function(Term(SPEED.id, HINGE), -torque * np.tanh(9.0 * np.linspace(-1, 1, 9)), None)
+
+
+@pytest.fixture
+def asked(rubbing):
+    """What stays of effects on a pendulum with dry friction of 0.1 N m, beside a function for some of it."""
+    s, p = rubbing
+    p.warnings.clear()
+
+    def ask(named, torque: float):
+        found = Decision(fitted(s, named), {t: [] for t in named}, Floor(), None, s)
+        held = fit_report(p, found.fit, "test")
+        alone = ResidualModel((_rubs(torque),), held.after.rms, 0.0)
+        both = errors(p.sim, with_residual(p.ctx, found.fit, alone), held.windows, p.noise).rms
+        residual = ResidualModel(alone.functions, held.after.rms, both)
+        return without_harm(p, s, found, ["hinge"], residual, held), found
+
+    return ask, p
+
+
+def test_what_makes_the_error_larger_beside_the_function_goes(asked):
+    """Damping was taken for the friction: with a function for that there is too much of it."""
+    ask, p = asked
+    after, found = ask({DAMPING: [0.02]}, 0.1)
+    assert after is not found and not after.fit.hypothesis.terms and not after.rivals
+    assert after.left is not None
+    assert p.warnings == [f"viscous damping at hinge: {HARM}; it is left out."]
+
+
+def test_what_still_helps_beside_the_function_stays(asked):
+    ask, p = asked
+    after, found = ask({COULOMB: [0.05]}, 0.05)
+    assert after is found and not p.warnings
+
+
+def test_one_goes_at_a_time_and_the_others_are_fitted_again(asked):
+    """Half of the friction has its name, and the function stands for the other half: a gain that is too small does
+    nothing but harm."""
+    ask, p = asked
+    after, _ = ask({COULOMB: [0.05], GAIN: [0.95]}, 0.05)
+    assert after.fit.hypothesis.terms == (COULOMB,) and list(after.rivals) == [COULOMB]
+    assert len(p.warnings) == 1 and p.warnings[0].startswith("actuator gain at motor")
+
+
+def test_it_stays_where_functions_beside_fewer_effects_predict_worse(asked, monkeypatch):
+    ask, p = asked
+    for its in (None, ResidualModel((), 1.0, 1e6)):
+        monkeypatch.setattr(module, "residual_of_motion", lambda *_, its=its: its)
+        after, found = ask({DAMPING: [0.02]}, 0.1)
+        assert after is found and not p.warnings
