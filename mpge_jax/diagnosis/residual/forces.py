@@ -7,7 +7,8 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import DRIVE, Residual
+from mpge_jax.diagnosis.effects.residual.axis import DRIVE
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors

@@ -6,7 +6,8 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context, joint_unit
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import ANGLE, Axis, Residual
+from mpge_jax.diagnosis.effects.residual.axis import ANGLE, Axis
+from mpge_jax.diagnosis.effects.residual.force import Residual
 
 Array = np.ndarray
 WAVES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)

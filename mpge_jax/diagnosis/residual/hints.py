@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Place
-from mpge_jax.diagnosis.effects.residual import Residual
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.residual.points import Pieces
 from mpge_jax.diagnosis.residual.regression import FOLDS, Blocks, smoothed, stretches
 
@@ -24,7 +24,7 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
         tried: pieces of several lengths. The length counts at which most is explained: short pieces are blurred by
             noise, long ones by the motion.
     """
-    plain = [e for e in candidates if len(e.axes) == 1 and not (e.coupled or e.dry)]
+    plain = [e for e in candidates if len(e.axes) == 1 and not (e.coupled or e.dry or e.traced)]
     others = [e for e in candidates if e not in plain]
     best: tuple[float, list[Residual]] = (0.0, [])
     for these in tried if others else ():

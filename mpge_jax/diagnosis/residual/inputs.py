@@ -10,17 +10,9 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place, default_places
-from mpge_jax.diagnosis.effects.residual import (
-    ANGLE,
-    DRIVE,
-    LOAD,
-    NAMED,
-    SPEED,
-    Axis,
-    Residual,
-    driven_by,
-    key_of,
-)
+from mpge_jax.diagnosis.effects.residual.axis import ANGLE, DRIVE, LOAD, NAMED, SPEED, TURNED, Axis, key_of
+from mpge_jax.diagnosis.effects.residual.force import Residual, driven_by
+from mpge_jax.diagnosis.effects.residual.since_turn import SinceTurn, travelled
 from mpge_jax.diagnosis.machine.model import has_plain_law, is_scalar
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
@@ -28,6 +20,8 @@ from mpge_jax.diagnosis.simulation.measured_drives import plain_force
 Array = np.ndarray
 EDGES = (0.005, 0.995)
 """Quantiles of an input between which a function is told."""
+TURNS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
+"""Farthest travels since a turn, in units of the joint's typical range of motion, that are tried."""
 ROWS = 4000
 """Rows, at most, from which ranges are taken and by which formulas are told."""
 
@@ -55,6 +49,7 @@ def values_of(p: Prepared, s: Source, place: Place, stride: int = 1) -> dict[str
     """Values of every input that is known, over every `stride`-th row of a recording."""
     m, which = p.model, slice(None, None, stride)
     out = values_along(p, place, s.states.qpos[which], s.states.qvel[which])
+    out |= {key: x[which] for key, x in since_turns(p, place, s.states.qpos).items()}
     for key, where in {DRIVE: place, **{key_of(DRIVE, x.name): x for x in _others(p, place)}}.items():
         drives = driven_by(p.ctx, where)
         if drives and all(has_plain_law(m, a) for a in drives):
@@ -86,14 +81,24 @@ def values_along(p: Prepared, place: Place, qpos: Array, qvel: Array) -> dict[st
     return out
 
 
+def since_turns(p: Prepared, place: Place, qpos: Array) -> dict[str, Array]:
+    """Travels [T] of a joint since it turned along a whole motion [T, nq], one for each of `TURNS`."""
+    q, typical = qpos[:, p.ctx.qadr(place)], float(p.ctx.travel[p.ctx.dof(place)])
+    axes = [Axis.since_turn(share * typical) for share in TURNS if typical > 0]
+    return {axis.key: travelled(q, axis.high) for axis in axes}
+
+
 def functions(values: dict[str, Array]) -> list[Residual]:
     """Functions of one and of two of the inputs, over the ranges in which these lay.
 
     Of two, both are of one joint, or one is of the joint on which the function acts. Dry friction depends on its own
-    joint alone.
+    joint alone; what depends on the travel since a turn depends on nothing else.
     """
-    axes = []
+    axes, turns = [], []
     for key, x in values.items():
+        if key.startswith(TURNED):
+            turns.append(Axis.since_turn(float(key.removeprefix(TURNED))))
+            continue
         low, high = np.quantile(x, EDGES)
         if high - low > 1e-9 * max(1.0, float(np.abs(x).max())):
             axes.append(Axis.of_key(key, float(f"{low:.6g}"), float(f"{high:.6g}")))
@@ -101,4 +106,5 @@ def functions(values: dict[str, Array]) -> list[Residual]:
     axes.sort(key=lambda a: a.joint)
     several = [(a, b) for a, b in combinations(axes, 2) if a.joint in ("", b.joint)]
     forces = [Residual(some, below) for some in [*((a,) for a in axes), *several]]
-    return forces + [Residual(e.axes, below, dry=True) for e in forces if not e.coupled]
+    forces += [SinceTurn(axis, below) for axis in turns]
+    return forces + [Residual(e.axes, below, dry=True) for e in forces if not (e.coupled or e.traced)]

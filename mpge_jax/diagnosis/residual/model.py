@@ -8,7 +8,9 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import Axis, Residual, residual_of
+from mpge_jax.diagnosis.effects.residual.axis import Axis
+from mpge_jax.diagnosis.effects.residual.family import residual_of
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 
 Array = np.ndarray

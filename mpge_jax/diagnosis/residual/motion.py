@@ -9,7 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import residual_of
+from mpge_jax.diagnosis.effects.residual.family import residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss

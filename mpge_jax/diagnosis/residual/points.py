@@ -9,13 +9,13 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place
-from mpge_jax.diagnosis.effects.residual import driven_by
+from mpge_jax.diagnosis.effects.residual.force import driven_by
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.missing_force import missing
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.recordings.three_parts import Part
-from mpge_jax.diagnosis.residual.inputs import values_along, values_of
+from mpge_jax.diagnosis.residual.inputs import since_turns, values_along, values_of
 from mpge_jax.diagnosis.residual.model import Function
 from mpge_jax.diagnosis.simulation.single_step import Machine
 
@@ -114,4 +114,7 @@ def rows_of(p: Prepared, b: Balance, f: Fitted, missing: Array, place: Place) ->
         force = force + m.actuator_gear[a, 0] * m.actuator_gainprm[a, 0] * missing[:, a]
     kept = np.flatnonzero(np.isfinite(force))
     kept = kept[:: max(1, -(-kept.size // MOST))]
-    return Pieces(force[kept], np.ones(kept.size), values_along(p, place, q[kept], v[kept]))
+    turns = [since_turns(p, place, t.q) for t in b.tracks]
+    values = values_along(p, place, q[kept], v[kept])
+    values |= {key: np.concatenate([t[key] for t in turns])[kept] for key in turns[0]}
+    return Pieces(force[kept], np.ones(kept.size), values)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.residual import INPUTS, Residual
+from mpge_jax.diagnosis.effects.residual.axis import INPUTS
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
 
 Array = np.ndarray

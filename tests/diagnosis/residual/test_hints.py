@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.effects.context import nominal_context
-from mpge_jax.diagnosis.effects.residual import Residual
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.residual.hints import HINTS, hinted
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
@@ -15,9 +15,11 @@ from mpge_jax.diagnosis.residual.points import Pieces
 from tests.diagnosis.machines import ARM, record
 from tests.diagnosis.searches import HINGE, prepared_of
 
+TURNS = ("z0.2", "z0.8")
 KEYS = ("q", "v", "l", "f", "q@elbow", "v@elbow", "f@elbow", "q@wrist", "v@wrist")
 RNG = np.random.default_rng(0)
 VALUES = {key: RNG.uniform(-1.0, 1.0, 300) for key in KEYS}
+VALUES |= {key: float(key[1:]) * RNG.uniform(-1.0, 1.0, 300) for key in TURNS}
 
 
 def pieces(force: np.ndarray, noise: float = 0.02) -> Pieces:
@@ -35,8 +37,10 @@ def test_functions_are_of_the_joint_of_another_one_or_of_both():
     assert {"q v", "v q@elbow", "q@elbow v@elbow", "l v@wrist"} < set(said)
     assert not any("elbow" in x and "wrist" in x for x in said)
     # dry friction depends on its own joint alone
-    own = {x for x in said if not ("elbow" in x or "wrist" in x or "dry" in x)}
+    own = {x for x in said if not ("elbow" in x or "wrist" in x or "dry" in x or "z" in x)}
     assert {x for x in said if "dry" in x} == {f"dry {x}" for x in own}
+    # what depends on the travel since a turn, on nothing else
+    assert [x for x in said if "z" in x] == list(TURNS)
 
 
 @pytest.mark.parametrize(
@@ -45,6 +49,7 @@ def test_functions_are_of_the_joint_of_another_one_or_of_both():
         (0.6 * VALUES["q@elbow"] * VALUES["v@elbow"], "q@elbow v@elbow"),
         (0.3 * VALUES["v"] * VALUES["q"] ** 2, "q v"),
         (0.1 * VALUES["f@elbow"], "f@elbow"),
+        (-0.5 * VALUES["z0.2"], "z0.2"),
         (-0.2 * np.sign(VALUES["v"]) * np.exp(-((VALUES["q"] / 0.3) ** 2)), "dry q"),
     ],
 )
@@ -73,7 +78,9 @@ def test_inputs_of_other_joints_are_what_these_do():
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(ARM)))
     shoulder, elbow = (places_of(p, [name])[0] for name in ctx.names.joints)
     here, there = seen(p, shoulder), seen(p, elbow)
-    assert set(here) == {"q", "v", "l", "f", "q@elbow", "v@elbow", "f@elbow"}
+    turns = {key for key in here if key.startswith("z")}
+    assert set(here) - turns == {"q", "v", "l", "f", "q@elbow", "v@elbow", "f@elbow"} and len(turns) == 6
+    assert all(np.abs(here[key]).max() <= float(key[1:]) for key in turns)
     for key in "qv":
         np.testing.assert_array_equal(here[f"{key}@elbow"], there[key])
         np.testing.assert_array_equal(there[f"{key}@shoulder"], here[key])

@@ -11,7 +11,8 @@ from mpge_jax.diagnosis import Config
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.effects.residual.axis import Axis
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.force_balance.force_errors import force_errors
 from mpge_jax.diagnosis.force_balance.tracks import Resolution

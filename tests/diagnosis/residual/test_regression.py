@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.effects.residual.axis import Axis
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.residual.regression import Blocks, best_function, roughness, solved
 
 ANGLE, SPEED = Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)

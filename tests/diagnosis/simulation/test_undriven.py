@@ -8,7 +8,8 @@ import pytest
 from mpge_jax.diagnosis import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.effects.residual import LOAD, Axis, Residual
+from mpge_jax.diagnosis.effects.residual.axis import LOAD, Axis
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from tests.diagnosis.machines import PENDULUM, record
 from tests.diagnosis.searches import prepared_of

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.effects.residual.axis import Axis
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.evidence.held_out_error import fit_report
 from mpge_jax.diagnosis.evidence.null_distribution import Floor

@@ -10,7 +10,8 @@ from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.inertia.given import given_inertias
-from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.effects.residual.axis import Axis
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function

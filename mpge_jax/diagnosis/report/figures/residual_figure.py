@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from mpge_jax.diagnosis.effects.context import Context, joint_unit
-from mpge_jax.diagnosis.effects.residual import ANGLE, DRIVE, LOAD, SPEED, Axis
+from mpge_jax.diagnosis.effects.residual.axis import ANGLE, DRIVE, LOAD, SPEED, TURNED, Axis
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, MEASURED
@@ -21,7 +21,13 @@ from mpge_jax.diagnosis.verdict.result import Result
 Array = np.ndarray
 FUNCTIONS, GRID = 4, 120
 """Functions that are shown at most, and values of every input by which they are drawn."""
-SHORT = {ANGLE: "position", SPEED: "speed", DRIVE: "force of the drives", LOAD: "load"}
+SHORT = {
+    ANGLE: "position",
+    SPEED: "speed",
+    DRIVE: "force of the drives",
+    LOAD: "load",
+    TURNED: "travel since it turned",
+}
 POINTS = "missing in held-out recordings"
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.effects.residual.axis import Axis
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.report import html_sections
 from mpge_jax.diagnosis.report.figures import residual_figure

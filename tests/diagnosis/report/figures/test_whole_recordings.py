@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual import Axis, Residual
+from mpge_jax.diagnosis.effects.residual.axis import Axis
+from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.report.figures import whole_recordings as whole
 from mpge_jax.diagnosis.report.figures.whole_recordings import RECORDINGS, whole_recordings

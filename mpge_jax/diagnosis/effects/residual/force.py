@@ -2,104 +2,22 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
+from mpge_jax.diagnosis.effects.base import Effect
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.friction.dry import FIELDS, stiff_dry_friction
+from mpge_jax.diagnosis.effects.residual.axis import ANGLE, LOAD, SPEED, TURNED, Axis
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 
 RESIDUAL = "residual"
-ANGLE, SPEED, DRIVE, LOAD = "q", "v", "f", "l"
-INPUTS = {
-    ANGLE: "position of the joint",
-    SPEED: "speed of the joint",
-    DRIVE: "force of the joint's drives",
-    LOAD: "force of gravity and of the other links on the joint",
-}
-OF_OTHERS = (ANGLE, SPEED, DRIVE)
-"""Inputs that may be another joint's: a coupling of joints, or of their drives."""
 KNOTS = {1: 9, 2: 6}
 """Values by which a function is told along each input, of one and of two inputs."""
 FADES = 0.5
 """Share of the greatest speed seen over which force that drives a joint on fades beyond that speed."""
-NAMED = r"[^\[\],@]+"
-"""Names of other joints that an identifier can hold."""
-_AXIS = rf"([qvf]@{NAMED}|[qvfl])\[([^\[\],]+),([^\[\],]+)\]"
-_ID = re.compile(rf"residual:(?P<dry>dry:)?(?P<axes>(?:{_AXIS}){{1,2}})below (?P<below>\S+)")
-
-
-def key_of(which: str, joint: str = "") -> str:
-    """An input: 'q' of the joint on which a function acts, 'q@elbow' of another one."""
-    return f"{which}@{joint}" if joint else which
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One input with the range in which it was seen; beyond, the function stays as at the end of it.
-
-    Attributes:
-        joint: whose it is, where that is not the joint on which the function acts.
-    """
-
-    input: str
-    low: float
-    high: float
-    joint: str = ""
-
-    def __post_init__(self) -> None:
-        if (
-            self.input not in INPUTS
-            or (self.joint and not (self.input in OF_OTHERS and re.fullmatch(NAMED, self.joint)))
-            or not np.isfinite([self.low, self.high]).all()
-            or not self.low < self.high
-        ):
-            raise ValueError(
-                f"an input of a residual is one of {', '.join(INPUTS)} with a range, not {self}."
-            )
-
-    @staticmethod
-    def of_key(key: str, low: float, high: float) -> Axis:
-        which, _, joint = key.partition("@")
-        return Axis(which, low, high, joint)
-
-    @property
-    def key(self) -> str:
-        """See `key_of`."""
-        return key_of(self.input, self.joint)
-
-    @property
-    def letter(self) -> str:
-        """As formulas have it: 'q', or 'q(elbow)' of another joint."""
-        return f"{self.input}({self.joint})" if self.joint else self.input
-
-    @property
-    def says(self) -> str:
-        """'position of the joint' on which the function acts, 'position of the elbow' of another one."""
-        said = INPUTS[self.input]
-        return said.replace("the joint", f"the {self.joint}") if self.joint else said
-
-    def place(self, ctx: Context, acts: Place) -> Place:
-        """The joint whose input it is; where the function acts: `acts`."""
-        if not self.joint:
-            return acts
-        if self.joint not in ctx.names.joints:
-            raise ValueError(f"the model has no joint '{self.joint}', on which a residual depends.")
-        return Place("joint", self.joint, ctx.names.joints.index(self.joint))
-
-    def unit(self, ctx: Context, acts: Place) -> str:
-        place = self.place(ctx, acts)
-        angle, force = joint_unit(ctx, place, "rad", "m"), joint_unit(ctx, place, "N m", "N")
-        return {ANGLE: angle, SPEED: f"{angle}/s"}.get(self.input, force)
-
-    def __str__(self) -> str:
-        return f"{self.key}[{self.low:.6g},{self.high:.6g}]"
 
 
 def splines(xp: Any, x: Array, count: int) -> list[Array]:
@@ -130,6 +48,8 @@ class Residual(Effect):
     def __init__(self, axes: tuple[Axis, ...], below: float, dry: bool = False) -> None:
         if not 1 <= len(axes) <= 2 or not below > 0:
             raise ValueError("a residual has one or two inputs, and a greatest speed above 0.")
+        if not self.traced and any(a.input == TURNED for a in axes):
+            raise ValueError("the travel since a turn is the only input of a `SinceTurn`.")
         self.axes, self.below, self.dry = axes, below, dry
         self.fields = FIELDS if dry else ()
         self.says = (
@@ -188,10 +108,12 @@ class Residual(Effect):
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
         force, v = self.value(xp, theta, self.inputs(ctx, place, s)), s.v[..., ctx.dof(place)]
-        if self.dry:
-            return Forces(dry=force), memory
+        return Forces(dry=force) if self.dry else Forces(joint=self.braking(xp, force, v)), memory
+
+    def braking(self, xp: Any, force: Array, v: Array) -> Array:
+        """A force [...] that brakes only, at speeds v [...] beyond those that were seen."""
         fade = xp.clip(1.0 - (xp.abs(v) / self.below - 1.0) / FADES, 0.0, 1.0)
-        return Forces(joint=xp.where(force * v > 0.0, fade * force, force)), memory
+        return xp.where(force * v > 0.0, fade * force, force)
 
     def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
         return {"values": theta}
@@ -222,24 +144,3 @@ def driven_by(ctx: Context, place: Place) -> list[int]:
     return [
         a for a in range(m.nu) if is_joint_transmission(m, a) and int(m.actuator_trnid[a, 0]) == place.index
     ]
-
-
-@lru_cache(maxsize=256)
-def residual_of(form: str) -> Residual:
-    """The effect of an identifier.
-
-    Raises:
-        KeyError: it is none of a residual.
-    """
-    match = _ID.fullmatch(form)
-    if match is None:
-        raise KeyError(form)
-    axes = re.findall(_AXIS, match["axes"])
-    try:
-        told = tuple(Axis.of_key(key, float(low), float(high)) for key, low, high in axes)
-        return Residual(told, float(match["below"]), match["dry"] is not None)
-    except ValueError:
-        raise KeyError(form) from None
-
-
-REGISTRY.families[RESIDUAL] = residual_of

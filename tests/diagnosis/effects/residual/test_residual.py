@@ -12,7 +12,9 @@ import pytest
 from mpge_jax.diagnosis import REGISTRY
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
-from mpge_jax.diagnosis.effects.residual import Axis, Residual, splines
+from mpge_jax.diagnosis.effects.residual.axis import Axis
+from mpge_jax.diagnosis.effects.residual.force import Residual, splines
+from mpge_jax.diagnosis.effects.residual.since_turn import SinceTurn, travelled
 from mpge_jax.diagnosis.effects.step import Step
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import compile_variable
@@ -23,6 +25,7 @@ CTX = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
 COUPLED = Residual((Axis("q", -1.0, 1.0, "elbow"), Axis("v", -3.0, 3.0)), 3.0)
 OF_BOTH = Residual((Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)), 3.0)
 ROUGH = Residual((Axis("q", -1.0, 1.0),), 3.0, dry=True)
+BENDS = SinceTurn(Axis.since_turn(0.05), 3.0)
 
 
 def step(q: float, v: float, f: float = 0.0) -> Step:
@@ -69,18 +72,31 @@ def test_an_identifier_says_it_all():
         Residual((Axis("l", -1e-3, 1e3),), 12.0),
         COUPLED,
         ROUGH,
+        BENDS,
     ):
         again = REGISTRY[effect.id]
         assert again.id == effect.id and again.axes == effect.axes and again.below == effect.below
         assert again.dry == effect.dry
     assert OF_BOTH.id not in list(REGISTRY) and OF_BOTH.id.partition(":")[0] == "residual"
-    for wrong in ("residual:q[1,0]below 3", "residual:x[0,1]below 3", "residual:q[0,1]", "residual", "other"):
+    broken = ("residual:q[1,0]below 3", "residual:x[0,1]below 3", "residual:q[0,1]", "residual", "other")
+    # a travel goes as far one way as the other, is the joint's own, alone, and no level of dry friction
+    turned = ("z[-0.1,0.2]", "z@elbow[-0.1,0.1]", "z[-0.1,0.1]q[0,1]", "dry:z[-0.1,0.1]")
+    for wrong in (*broken, *(f"residual:{x}below 3" for x in turned)):
         with pytest.raises(KeyError):
             REGISTRY[wrong]
     with pytest.raises(KeyError):
         REGISTRY["residual:l@elbow[0,1]below 3"]
-    for wrong in (("q", 0.0, float("nan")), ("l", 0.0, 1.0, "elbow"), ("q", 0.0, 1.0, "el[bow")):
-        with pytest.raises(ValueError, match="one of q, v, f, l with a range"):
+    with pytest.raises(ValueError, match="only input"):
+        Residual(BENDS.axes, 3.0)
+    with pytest.raises(ValueError, match="depends on z"):
+        SinceTurn(Axis("q", -1.0, 1.0), 3.0)
+    for wrong in (
+        ("z", -1.0, 2.0),
+        ("q", 0.0, float("nan")),
+        ("l", 0.0, 1.0, "elbow"),
+        ("q", 0.0, 1.0, "el[bow"),
+    ):
+        with pytest.raises(ValueError, match="one of q, v, f, l, z with a range"):
             Axis(*wrong)
 
 
@@ -130,8 +146,13 @@ def test_its_force_is_the_same_in_numpy_and_in_jax():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("xml", "effect", "at", "size"),
-    [(PENDULUM, OF_BOTH, "hinge", 0.2), (ARM, CROSSTALK, "elbow", 2.0), (PENDULUM, ROUGH, "hinge", 0.1)],
-    ids=["own", "coupled", "dry"],
+    [
+        (PENDULUM, OF_BOTH, "hinge", 0.2),
+        (ARM, CROSSTALK, "elbow", 2.0),
+        (PENDULUM, ROUGH, "hinge", 0.1),
+        (PENDULUM, BENDS, "hinge", 0.1),
+    ],
+    ids=["own", "coupled", "dry", "since a turn"],
 )
 def test_it_moves_the_machine_alike_in_c_and_in_jax(xml, effect, at, size):
     values = list(size * np.random.default_rng(0).normal(size=effect.count ** len(effect.axes)))
@@ -160,6 +181,22 @@ def test_dry_friction_is_a_level_beside_any_that_is_named_and_never_drives():
         stepper.step(np.zeros(1), 1)
         levels.append(float(stepper.model.dof_frictionloss[0]))
     assert levels == pytest.approx([0.2, 0.1, 0.0])
+
+
+def test_travel_since_a_turn_goes_from_one_end_to_the_other():
+    q = np.array([0.0, 0.03, 0.06, 0.09, 0.08, 0.02, 0.02, 0.03])
+    want = np.array([0.0, 0.03, 0.05, 0.05, 0.04, -0.02, -0.02, -0.01])
+    np.testing.assert_allclose(travelled(q, 0.05), want, atol=1e-15)
+    theta = np.random.default_rng(0).normal(size=BENDS.count)
+    along = BENDS.along(CTX, HINGE, theta, q[:, None])
+    np.testing.assert_allclose(along, BENDS.value(np, theta, [want]))
+    # step by step it is the same
+    memory, told = BENDS.memory(np, CTX, HINGE, theta, step(0.0, 0.0)), []
+    for v in np.diff(q, prepend=0.0) / 0.01:
+        forces, memory = BENDS.force(np, CTX, HINGE, theta, step(0.0, v), memory)
+        told.append(float(forces.joint))
+    fast = np.abs(np.diff(q, prepend=0.0) / 0.01) > BENDS.below
+    np.testing.assert_allclose(np.array(told)[~fast], along[~fast])
 
 
 def test_what_dry_friction_does_is_against_the_motion():

@@ -1,0 +1,100 @@
+"""What such a force may depend on, with the range in which that was seen."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.context import Context, Place, joint_unit
+
+ANGLE, SPEED, DRIVE, LOAD, TURNED = "q", "v", "f", "l", "z"
+INPUTS = {
+    ANGLE: "position of the joint",
+    SPEED: "speed of the joint",
+    DRIVE: "force of the joint's drives",
+    LOAD: "force of gravity and of the other links on the joint",
+    TURNED: "travel of the joint since it turned",
+}
+"""The travel since a turn lies between minus and plus a farthest one: it begins at one end and stays at the other."""
+OF_OTHERS = (ANGLE, SPEED, DRIVE)
+"""Inputs that may be another joint's: a coupling of joints, or of their drives."""
+NAMED = r"[^\[\],@]+"
+"""Names of other joints that an identifier can hold."""
+AXIS = rf"([qvf]@{NAMED}|[qvflz])\[([^\[\],]+),([^\[\],]+)\]"
+"""An axis in an identifier: its input, and the ends of its range."""
+
+
+def key_of(which: str, joint: str = "") -> str:
+    """An input: 'q' of the joint on which a function acts, 'q@elbow' of another one."""
+    return f"{which}@{joint}" if joint else which
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One input with the range in which it was seen; beyond, the function stays as at the end of it.
+
+    Attributes:
+        joint: whose it is, where that is not the joint on which the function acts.
+    """
+
+    input: str
+    low: float
+    high: float
+    joint: str = ""
+
+    def __post_init__(self) -> None:
+        if (
+            self.input not in INPUTS
+            or (self.joint and not (self.input in OF_OTHERS and re.fullmatch(NAMED, self.joint)))
+            or not np.isfinite([self.low, self.high]).all()
+            or not self.low < self.high
+            or (self.input == TURNED and self.low != -self.high)
+        ):
+            raise ValueError(
+                f"an input of a residual is one of {', '.join(INPUTS)} with a range, not {self}."
+            )
+
+    @staticmethod
+    def of_key(key: str, low: float, high: float) -> Axis:
+        which, _, joint = key.partition("@")
+        return Axis(which, low, high, joint)
+
+    @staticmethod
+    def since_turn(most: float) -> Axis:
+        """Of the travel since the joint turned, up to `most` (rad or m) from either end."""
+        most = float(f"{most:.6g}")
+        return Axis(TURNED, -most, most)
+
+    @property
+    def key(self) -> str:
+        """See `key_of`; 'z0.05' of the travel since the joint turned, which goes as far as the range does."""
+        return f"{TURNED}{self.high:.6g}" if self.input == TURNED else key_of(self.input, self.joint)
+
+    @property
+    def letter(self) -> str:
+        """As formulas have it: 'q', or 'q(elbow)' of another joint."""
+        return f"{self.input}({self.joint})" if self.joint else self.input
+
+    @property
+    def says(self) -> str:
+        """'position of the joint' on which the function acts, 'position of the elbow' of another one."""
+        said = INPUTS[self.input]
+        return said.replace("the joint", f"the {self.joint}") if self.joint else said
+
+    def place(self, ctx: Context, acts: Place) -> Place:
+        """The joint whose input it is; where the function acts: `acts`."""
+        if not self.joint:
+            return acts
+        if self.joint not in ctx.names.joints:
+            raise ValueError(f"the model has no joint '{self.joint}', on which a residual depends.")
+        return Place("joint", self.joint, ctx.names.joints.index(self.joint))
+
+    def unit(self, ctx: Context, acts: Place) -> str:
+        place = self.place(ctx, acts)
+        angle, force = joint_unit(ctx, place, "rad", "m"), joint_unit(ctx, place, "N m", "N")
+        return {ANGLE: angle, TURNED: angle, SPEED: f"{angle}/s"}.get(self.input, force)
+
+    def __str__(self) -> str:
+        return f"{key_of(self.input, self.joint)}[{self.low:.6g},{self.high:.6g}]"
