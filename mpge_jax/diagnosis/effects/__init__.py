@@ -9,6 +9,7 @@ from mpge_jax.diagnosis.effects import (
     inertia,
     residual,
     sensor,
+    soft_limit,
     world,
 )
 from mpge_jax.diagnosis.effects.base import REGISTRY, Effect, find_place, register
@@ -46,5 +47,6 @@ __all__ = [
     "register",
     "residual",
     "sensor",
+    "soft_limit",
     "world",
 ]

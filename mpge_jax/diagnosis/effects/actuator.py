@@ -15,6 +15,7 @@ from mpge_jax.diagnosis.machine.model import has_plain_law, is_joint_transmissio
 _AFFINE = int(mujoco.mjtBias.mjBIAS_AFFINE)
 _NO_BIAS = int(mujoco.mjtBias.mjBIAS_NONE)
 _FIXED = int(mujoco.mjtGain.mjGAIN_FIXED)
+SOFT = ":soft"
 NEAR = 1.5
 """How near to its limit, in its largest forces, a drive may reach it."""
 
@@ -240,7 +241,7 @@ class BackEmf(_Linear):
 
 @register
 class TorqueSaturation(OfActuator):
-    id, order = "torque_saturation", 5
+    id, order, closer = "torque_saturation", 5, SOFT
     equation = "clip(tau, +-limit)"
     says = "The actuator {at} gives at most {limit}."
     fields = ("actuator_forcerange", "actuator_forcelimited")

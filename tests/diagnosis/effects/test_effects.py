@@ -41,7 +41,7 @@ VALUES = {
     "load_dependent_friction:elastic": [0.02, 0.1, 0.4, 0.3],
     "load_dependent_friction:gear:elastic": [0.02, 0.1, 0.4, 0.3],
     "joint_stiffness:hardening": [0.6, 0.1, 0.3], "payload_mass:extended": [0.2, 0.02, 0.01, -0.3, 0.1],
-    "asymmetric_friction:elastic": [0.03, 0.06, 0.02, 0.05, 0.4, 0.3],
+    "asymmetric_friction:elastic": [0.03, 0.06, 0.02, 0.05, 0.4, 0.3], "torque_saturation:soft": [0.3, 0.2],
 }  # fmt: skip
 # Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
 # takes polynomial damping implicitly, and contact solvers start from another guess.
@@ -160,7 +160,7 @@ def test_native_export_moves_like_the_effect(effect_id):
     if not m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0]):
         assert effect_id in (
             "stribeck_friction", "load_dependent_friction", "load_dependent_friction:gear", "asymmetric_friction",
-            "coulomb_friction:behind_gap", *(i for i in EVERY if i.endswith((":elastic", ":hardening"))),
+            "coulomb_friction:behind_gap", *(i for i in EVERY if i.endswith((":elastic", ":hardening", ":soft"))),
             "cogging_torque", "backlash", "actuator_bias:reclipped", "actuator_deadzone:limited",
             "joint_flexibility", "actuator_deadzone", "external_force", "encoder_offset", "sensor_delay",
         )  # fmt: skip
