@@ -1,6 +1,6 @@
 """Whether a form of an effect that idealises less is closer to what acts: dry friction that gives way before it slides,
-a payload that has an extent, a spring that hardens. What the plain form leaves would be taken for something else (a
-flexible drive, masses that are off), and the parameters would bear it."""
+a payload that has an extent, a spring that hardens, a limit with a soft knee. What the plain form leaves would be taken
+for something else (a flexible drive, masses that are off), and the parameters would bear it."""
 
 from __future__ import annotations
 
