@@ -29,6 +29,8 @@ from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
 IN_EVERY_DRIVE = ("actuator_delay", "actuator_gain")
 ITERATIONS = 5
+HOPEFUL = 0.75
+"""Share of the squared error, of which `REMAINS` may remain in the end, that all effects together may leave at first."""
 
 
 def everywhere(s: Search, current: Fitted) -> Fitted:
@@ -48,7 +50,10 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     if not any(at_noise(s, f, s.whiten_one(f, s.train)) for f in fits):
         both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
         fits += [] if both is None else fit(s.sim, [both], s.train, white, iterations=8)
-    fits = [f for f in (_thinned(s, f) for f in fits) if 0 < len(f.hypothesis.named) <= s.max_terms]
+    # fewer of them explain less than all do
+    most = HOPEFUL * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
+    fits = _all_thinned(s, [f for f in fits if usual_excess(f.loss) < most])
+    fits = [f for f in fits if 0 < len(f.hypothesis.named) <= s.max_terms]
     if not fits:
         return current
     whites = s.whiten(min(fits, key=lambda f: f.loss))
@@ -121,6 +126,17 @@ def _with_every_drive(s: Search, current: Fitted, effects: tuple[str, ...]) -> F
             fits.append(Fitted(hypothesis, theta, theta.copy()))
         best = min(evaluate(s.sim, fits, s.train, white), key=lambda f: f.loss)
     return best
+
+
+def _all_thinned(s: Search, fits: list[Fitted]) -> list[Fitted]:
+    """Each of some fits without what it does not need, those of few effects first, but those that predict held-out
+    windows no better than what is left of another one."""
+    out: list[Fitted] = []
+    for f in sorted(fits, key=lambda f: len(f.hypothesis.terms)):
+        whole, *others = s.score([f, *out], s.whiten(f))
+        if all(needed(whole, r) for r in others):
+            out.append(_thinned(s, f))
+    return out
 
 
 def _thinned(s: Search, f: Fitted) -> Fitted:
