@@ -29,8 +29,6 @@ from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
 IN_EVERY_DRIVE = ("actuator_delay", "actuator_gain")
 ITERATIONS = 5
-HOPEFUL = 0.75
-"""Share of the squared error, of which `REMAINS` may remain in the end, that all effects together may leave at first."""
 
 
 def everywhere(s: Search, current: Fitted) -> Fitted:
@@ -50,8 +48,8 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     if not any(at_noise(s, f, s.whiten_one(f, s.train)) for f in fits):
         both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
         fits += [] if both is None else fit(s.sim, [both], s.train, white, iterations=8)
-    # fewer of them explain less than all do
-    most = HOPEFUL * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
+    # fewer of them explain less than all do, which may not be at their best yet: half the way must be done
+    most = 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
     fits = _all_thinned(s, [f for f in fits if usual_excess(f.loss) < most])
     fits = [f for f in fits if 0 < len(f.hypothesis.named) <= s.max_terms]
     if not fits:
