@@ -18,7 +18,8 @@ HINTS = 4
 
 def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) -> list[Residual]:
     """Forces of one input of the joint itself, and those of the other functions, of which there may be hundreds, that
-    explain most of the force which pieces lack, told from other pieces.
+    explain most of the force which pieces lack, told from other pieces. Travels since a turn are much alike, whatever
+    the farthest one is: they are half of those at most.
 
     Args:
         tried: pieces of several lengths. The length counts at which most is explained: short pieces are blurred by
@@ -30,9 +31,11 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
     for these in tried if others else ():
         if these.force.size < 2 * FOLDS or not these.force.any():
             continue
-        told = sorted(((_explained(e, place, these), k) for k, e in enumerate(others)), reverse=True)[:HINTS]
+        told = sorted(((_explained(e, place, these), k) for k, e in enumerate(others)), reverse=True)
+        alike = [k for _, k in told if others[k].traced][HINTS // 2 :]
         if told[0][0] > best[0]:
-            best = told[0][0], [others[k] for share, k in told if share > 0.0]
+            some = [others[k] for share, k in told if share > 0.0 and k not in alike]
+            best = told[0][0], some[:HINTS]
     return plain + best[1]
 
 

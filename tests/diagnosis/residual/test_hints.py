@@ -59,6 +59,17 @@ def test_what_explains_most_is_hinted_at(force, want):
     assert want in found[4:] and found[:4] == ["q", "v", "l", "f"] and len(found) <= 4 + HINTS
 
 
+def test_travels_since_a_turn_leave_room_for_others():
+    """Four of them that are the same, and a coupling that explains a little less."""
+    travel = 0.2 * RNG.uniform(-1.0, 1.0, 300)
+    same = {f"z{most}": travel for most in (0.2, 0.201, 0.202, 0.203)}
+    values = {key: x for key, x in VALUES.items() if key not in TURNS} | same
+    force = travel + 0.3 * VALUES["q@elbow"] * VALUES["v@elbow"]
+    these = Pieces(force, np.full(300, 0.02), values)
+    found = [inputs(e) for e in hinted(functions(values), HINGE, [these])][4:]
+    assert "q@elbow v@elbow" in found and len([x for x in found if x.startswith("z")]) == HINTS // 2
+
+
 def test_the_length_of_the_pieces_is_the_one_that_shows_most():
     force = 0.6 * VALUES["q@elbow"] * VALUES["v@elbow"]
     blurred, clear = pieces(0.05 * force, 0.3), pieces(force)

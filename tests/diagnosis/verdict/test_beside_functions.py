@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -12,9 +13,11 @@ from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.evidence.held_out_error import fit_report
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_residual
-from mpge_jax.diagnosis.selection.procedure import Decision
+from mpge_jax.diagnosis.selection.procedure import Decision, what_is_left
 from mpge_jax.diagnosis.verdict import beside_functions as module
+from mpge_jax.diagnosis.verdict import judgement
 from mpge_jax.diagnosis.verdict.beside_functions import HARM, without_harm
+from tests.diagnosis.machines import PENDULUM
 from tests.diagnosis.searches import COULOMB, DAMPING, GAIN, HINGE, fitted
 
 SPEED = Residual((Axis("v", -4.0, 4.0),), 4.0)
@@ -72,3 +75,20 @@ def test_it_stays_where_functions_beside_fewer_effects_predict_worse(asked, monk
         monkeypatch.setattr(module, "residual_of_motion", lambda *_, its=its: its)
         after, found = ask({DAMPING: [0.02]}, 0.1)
         assert after is found and not p.warnings
+
+
+def test_the_verdict_is_told_without_it(asked, monkeypatch):
+    ask, p = asked
+    found = ask({DAMPING: [0.02]}, 0.1)[1]
+    s = found.search
+    noise, left = what_is_left(p, found.fit, s)
+    found = Decision(found.fit, found.rivals, noise, left, s)
+    held = fit_report(p, found.fit, "test")
+    both = errors(
+        p.sim, with_residual(p.ctx, found.fit, ResidualModel((_rubs(0.1),), 0.0, 0.0)), held.windows, p.noise
+    )
+    told = ResidualModel((_rubs(0.1),), held.after.rms, both.rms)
+    monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: told)
+    result = judgement.judge(p, mujoco.MjModel.from_xml_string(PENDULUM), s, found, held, None)
+    assert result.verdict == "unexplained" and not result.fit.hypothesis.terms
+    assert result.held.after.rms == result.held.before.rms and result.error_drop == {}
