@@ -14,6 +14,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
 from mpge_jax.diagnosis.recordings.recording import validate
+from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.single_step import Machine
@@ -46,6 +47,12 @@ def fitted(s, values: dict[Term, list[float]]) -> Fitted:
     h = Hypothesis.of(*values)
     theta = h.gather(s.sim.ctx, {t: np.array(v) for t, v in values.items()})
     return Fitted(h, theta, theta)
+
+
+def reported(s: Search, f: Fitted) -> dict[str, np.ndarray]:
+    """What the only effect of a fit reports, once its parameters are refined."""
+    (term,) = f.hypothesis.terms
+    return term.effect.report(s.sim.ctx, term.place, final_fit(s, f)[0].theta)
 
 
 def exported(xml: str, parts: dict[str, tuple[str, list[float]]]) -> tuple[mujoco.MjModel, Machine]:

@@ -20,6 +20,18 @@ NEAR = 1.5
 """How near to its limit, in its largest forces, a drive may reach it."""
 
 
+def replaceable(ctx: Context, place: Place) -> bool:
+    """Whether a drive can be made to give another force (`in_place`): it acts on a joint, or its force follows from its
+    command. What others lose can only be taken from their command, and the last step's force would be what was left."""
+    return is_joint_transmission(ctx.model, place.index) or has_plain_law(ctx.model, place.index)
+
+
+def in_place(ctx: Context, place: Place, s: Step, force: Array) -> Forces:
+    """A force [...] of a drive in place of its own."""
+    own = s.added_to(is_joint_transmission(ctx.model, place.index))
+    return Forces(actuator=force - own[..., place.index])
+
+
 class OfActuator(Effect):
     """What all effects of an actuator share."""
 
@@ -278,12 +290,7 @@ class ActuatorDeadzone(OfActuator):
     remedy = "commands of small and of large amplitude"
 
     def places(self, ctx: Context) -> list[Place]:
-        """Drives of joints, and those whose force follows from their command: what others lose can only be taken from
-        their command, and the last step's force would be what was left."""
-        m = ctx.model
-        return [
-            p for p in super().places(ctx) if is_joint_transmission(m, p.index) or has_plain_law(m, p.index)
-        ]
+        return [p for p in super().places(ctx) if replaceable(ctx, p)]
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         d = _size(ctx, place)
@@ -298,9 +305,7 @@ class ActuatorDeadzone(OfActuator):
         # limits that a bias has moved past zero do not hold what the dead zone leaves
         least, most = xp.minimum(s.force_low[..., a], 0.0), xp.maximum(s.force_high[..., a], 0.0)
         clipped = xp.minimum(xp.maximum(shrunk, least), most)
-        # what is added to a command comes before the limits
-        known = s.f if is_joint_transmission(ctx.model, a) else s.f_free
-        return Forces(actuator=clipped - known[..., a]), memory
+        return in_place(ctx, place, s, clipped), memory
 
 
 @register

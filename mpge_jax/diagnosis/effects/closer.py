@@ -36,6 +36,10 @@ class Closer(Effect):
         self.external, self.confused_with, self.remedy = plain.external, plain.confused_with, plain.remedy
         self.says = plain.says.removesuffix(".") + self.adds
 
+    def fits(self, ctx: Context, place: Place) -> bool:
+        """Whether it can act where the plain one stands."""
+        return True
+
     def own(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         """Its own parameters."""
         raise NotImplementedError

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.actuator import SOFT
+from mpge_jax.diagnosis.effects.actuator import SOFT, in_place, replaceable
 from mpge_jax.diagnosis.effects.closer import Closer, closer_form
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-from mpge_jax.diagnosis.machine.model import is_joint_transmission
 
 HARD = 0.02
 """Softness below which a knee is as good as sharp."""
@@ -31,6 +30,9 @@ class SoftLimit(Closer):
         super().__init__(plain)
         self.fields, self.side = plain.fields, plain.side
 
+    def fits(self, ctx: Context, place: Place) -> bool:
+        return replaceable(ctx, place)
+
     def own(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (Param("softness", "1", 0.0, 1.0, 0.1),)
 
@@ -47,9 +49,7 @@ class SoftLimit(Closer):
         free, limit, softness = s.f_free[..., a], xp.maximum(theta[..., 0], 1e-12), theta[..., 1]
         soft = free / _norm(xp, xp.abs(free) / limit, xp.maximum(softness, HARD))
         clipped = xp.minimum(xp.maximum(soft, s.force_low[..., a]), s.force_high[..., a])
-        # what is added to a command comes before the limits
-        known = s.f if is_joint_transmission(ctx.model, a) else s.f_free
-        return Forces(actuator=clipped - known[..., a]), memory
+        return in_place(ctx, place, s, clipped), memory
 
 
 def _norm(xp: Any, x: Array, softness: Array) -> Array:

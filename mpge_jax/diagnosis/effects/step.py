@@ -46,6 +46,11 @@ class Step:
     engine: Array | None = None
     inertia: Callable[[int], Array] = _nothing
 
+    def added_to(self, joint: bool) -> Array:
+        """[..., nu] force to which effects of actuators add: of a `joint`, what the engine will apply; else, as they
+        add to the command, what is there before the limits."""
+        return self.f if joint else self.f_free
+
     def after(self, xp: Any, actuator: int, more: Forces, joint: bool) -> Step:
         """The same for effects further down the drive train, with `more` force of an actuator (of a `joint`: added to
         its force; else: to its command, before its limits)."""
@@ -53,7 +58,7 @@ class Step:
             return self
         here = np.arange(self.f.shape[-1]) == actuator
         added = xp.where(here, xp.asarray(more.actuator)[..., None], 0.0)
-        force = (self.f if joint else self.f_free) + added
+        force = self.added_to(joint) + added
         engine = None if self.engine is None else self.engine + added
         return replace(
             self, f=xp.where(here, force, self.f), f_free=xp.where(here, force, self.f_free), engine=engine

@@ -131,9 +131,11 @@ def _all_thinned(s: Search, fits: list[Fitted]) -> list[Fitted]:
     windows no better than what is left of another one."""
     out: list[Fitted] = []
     for f in sorted(fits, key=lambda f: len(f.hypothesis.terms)):
-        whole, *others = s.score([f, *out], s.whiten(f))
-        if all(needed(whole, r) for r in others):
-            out.append(_thinned(s, f))
+        if out:
+            whole, *others = s.score([f, *out], s.whiten(f))
+            if not all(needed(whole, r) for r in others):
+                continue
+        out.append(_thinned(s, f))
     return out
 
 

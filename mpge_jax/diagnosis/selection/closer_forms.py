@@ -23,7 +23,7 @@ def closer(s: Search, current: Fitted) -> Fitted:
     """`current` with the closer forms of its effects, all at once, less those that turn out no better than the plain
     ones, where held-out windows are predicted better so beyond doubt."""
     ctx = s.sim.ctx
-    plain = [t for t in current.hypothesis.terms if t.effect.closer]
+    plain = [t for t in current.hypothesis.terms if t.effect.closer and _closer(_form(t)).fits(ctx, t.place)]
     if not plain or s.sim.rugged(current.hypothesis):
         return current
     white = s.whiten_one(current, s.train)
@@ -57,7 +57,7 @@ def _with_closer(ctx: Context, f: Fitted, terms: list[Term]) -> list[Fitted]:
     """`f` with the closer forms of some effects, from small differences to large ones."""
     parts, starts = f.hypothesis.split(ctx, f.theta), {}
     for t in terms:
-        form = Term(t.id + t.effect.closer, t.place)
+        form = _form(t)
         starts[t] = form, _closer(form).starts_from(ctx, t.place, parts[t])
     return [
         _exchanged(ctx, f, {t: (form, each[min(k, len(each) - 1)]) for t, (form, each) in starts.items()})
@@ -83,6 +83,11 @@ def _differs(ctx: Context, f: Fitted, term: Term) -> bool:
     """Whether a closer form's first own parameter differs from none."""
     i = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(term)].stop - _closer(term).further
     return bool(abs(f.theta[i]) > NAMED * np.sqrt(max(f.cov[i, i], 0.0)))
+
+
+def _form(plain: Term) -> Term:
+    """The closer form of a term."""
+    return Term(plain.id + plain.effect.closer, plain.place)
 
 
 def _closer(term: Term) -> Closer:

@@ -151,6 +151,7 @@ def _evidence(without: Errors, after: Errors, floors: Array) -> float:
 
 
 def refitted(s: Search, f: Fitted) -> Fitted:
+    """A fit of what was found, less some of it, from where that was."""
     if not f.hypothesis.terms:
         return NOTHING
     return fit(s.sim, [f], s.train, s.whiten_one(f, s.train), iterations=ITERATIONS)[0]

@@ -210,7 +210,7 @@ class Runtime:
         if forces.actuator is None:
             return
         a = g.term.place.index
-        known = s.f if is_joint_transmission(self.model, a) else s.f_free
+        known = s.added_to(is_joint_transmission(self.model, a))
         s.f[rows, a] = s.f_free[rows, a] = known[rows, a] + forces.actuator
         if s.engine is not None:
             s.engine[rows, a] += forces.actuator

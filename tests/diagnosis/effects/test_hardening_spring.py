@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.closer_forms import closer
 from mpge_jax.diagnosis.simulation.single_step import Machine, force_start, force_step, observe
 from tests.diagnosis.machines import PENDULUM, record
-from tests.diagnosis.searches import HINGE, fitted, search_of
+from tests.diagnosis.searches import HINGE, fitted, reported, search_of
 
 ID, PLAIN = "joint_stiffness:hardening", Term("joint_stiffness", HINGE)
 STIFFNESS, REFERENCE, CUBIC = 0.8, 0.2, 0.5
@@ -52,7 +52,6 @@ def test_it_is_asked_for_where_a_spring_stands():
         if not cubic:
             assert found is plain
             continue
-        (term,), theta = found.hypothesis.terms, final_fit(s, found)[0].theta
-        values = term.effect.report(s.sim.ctx, term.place, theta)
-        assert term.id == ID and values["cubic"] == pytest.approx(CUBIC, rel=0.05)
+        values = reported(s, found)
+        assert found.hypothesis.terms[0].id == ID and values["cubic"] == pytest.approx(CUBIC, rel=0.05)
         assert values["stiffness"] == pytest.approx(STIFFNESS, rel=0.02)

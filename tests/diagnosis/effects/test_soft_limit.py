@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.closer_forms import closer
 from mpge_jax.diagnosis.simulation.single_step import Machine, force_start, force_step, observe
 from tests.diagnosis.machines import PENDULUM, record
-from tests.diagnosis.searches import MOTOR, fitted, search_of
+from tests.diagnosis.searches import MOTOR, fitted, reported, search_of
 
 ID, PLAIN = "torque_saturation:soft", Term("torque_saturation", MOTOR)
 LIMIT = 0.5
@@ -43,6 +43,18 @@ def test_its_knee_is_that_of_a_p_norm():
     assert given(LIMITED, 3.0, 0.2) == pytest.approx(0.4)
 
 
+def test_it_is_for_drives_of_joints_and_for_those_that_follow_their_command():
+    """What others lose can only be taken from their command, which does not tell their force."""
+    tendon = '<tendon><fixed name="belt"><joint joint="hinge" coef="1"/></fixed></tendon></mujoco>'
+    belted = PENDULUM.replace('joint="hinge" ctrlrange', 'tendon="belt" ctrlrange')
+    slow = belted.replace("<motor ", '<general dyntype="filter" dynprm=".1" ')
+    fits = []
+    for xml in (PENDULUM, *(x.replace("</mujoco>", tendon) for x in (belted, slow))):
+        ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+        fits.append(REGISTRY[ID].fits(ctx, MOTOR))
+    assert fits == [True, True, False]
+
+
 @pytest.mark.parametrize("softness", [0.2, 0.0], ids=["soft", "sharp"])
 def test_it_is_asked_for_where_a_drive_saturates(softness):
     def force(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -57,7 +69,6 @@ def test_it_is_asked_for_where_a_drive_saturates(softness):
     if not softness:
         assert found is plain
         return
-    (term,), theta = found.hypothesis.terms, final_fit(s, found)[0].theta
-    values = term.effect.report(s.sim.ctx, term.place, theta)
-    assert term.id == ID and values["softness"] == pytest.approx(softness, abs=0.03)
+    values = reported(s, found)
+    assert found.hypothesis.terms[0].id == ID and values["softness"] == pytest.approx(softness, abs=0.03)
     assert values["limit"] == pytest.approx(LIMIT, rel=0.05)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
 import pytest
@@ -34,20 +36,22 @@ def asked(rubbing):
     s, p = rubbing
     p.warnings.clear()
 
+    def told(f, torque: float):
+        held = fit_report(p, f, "test")
+        alone = ResidualModel((_rubs(torque),), held.after.rms, 0.0)
+        both = errors(p.sim, with_residual(p.ctx, f, alone), held.windows, p.noise).rms
+        return ResidualModel(alone.functions, held.after.rms, both), held
+
     def ask(named, torque: float):
         found = Decision(fitted(s, named), {t: [] for t in named}, Floor(), None, s)
-        held = fit_report(p, found.fit, "test")
-        alone = ResidualModel((_rubs(torque),), held.after.rms, 0.0)
-        both = errors(p.sim, with_residual(p.ctx, found.fit, alone), held.windows, p.noise).rms
-        residual = ResidualModel(alone.functions, held.after.rms, both)
-        return without_harm(p, s, found, ["hinge"], residual, held), found
+        return without_harm(p, s, found, ["hinge"], *told(found.fit, torque)), found
 
-    return ask, p
+    return SimpleNamespace(told=told, of=ask, p=p, s=s)
 
 
 def test_what_makes_the_error_larger_beside_the_function_goes(asked):
     """Damping was taken for the friction: with a function for that there is too much of it."""
-    ask, p = asked
+    ask, p = asked.of, asked.p
     after, found = ask({DAMPING: [0.02]}, 0.1)
     assert after is not found and not after.fit.hypothesis.terms and not after.rivals
     assert after.left is not None
@@ -55,7 +59,7 @@ def test_what_makes_the_error_larger_beside_the_function_goes(asked):
 
 
 def test_what_still_helps_beside_the_function_stays(asked):
-    ask, p = asked
+    ask, p = asked.of, asked.p
     after, found = ask({COULOMB: [0.05]}, 0.05)
     assert after is found and not p.warnings
 
@@ -63,14 +67,14 @@ def test_what_still_helps_beside_the_function_stays(asked):
 def test_one_goes_at_a_time_and_the_others_are_fitted_again(asked):
     """Half of the friction has its name, and the function stands for the other half: a gain that is too small does
     nothing but harm."""
-    ask, p = asked
+    ask, p = asked.of, asked.p
     after, _ = ask({COULOMB: [0.05], GAIN: [0.95]}, 0.05)
     assert after.fit.hypothesis.terms == (COULOMB,) and list(after.rivals) == [COULOMB]
     assert len(p.warnings) == 1 and p.warnings[0].startswith("actuator gain at motor")
 
 
 def test_it_stays_where_functions_beside_fewer_effects_predict_worse(asked, monkeypatch):
-    ask, p = asked
+    ask, p = asked.of, asked.p
     for its in (None, ResidualModel((), 1.0, 1e6)):
         monkeypatch.setattr(module, "residual_of_motion", lambda *_, its=its: its)
         after, found = ask({DAMPING: [0.02]}, 0.1)
@@ -78,17 +82,10 @@ def test_it_stays_where_functions_beside_fewer_effects_predict_worse(asked, monk
 
 
 def test_the_verdict_is_told_without_it(asked, monkeypatch):
-    ask, p = asked
-    found = ask({DAMPING: [0.02]}, 0.1)[1]
-    s = found.search
-    noise, left = what_is_left(p, found.fit, s)
-    found = Decision(found.fit, found.rivals, noise, left, s)
-    held = fit_report(p, found.fit, "test")
-    both = errors(
-        p.sim, with_residual(p.ctx, found.fit, ResidualModel((_rubs(0.1),), 0.0, 0.0)), held.windows, p.noise
-    )
-    told = ResidualModel((_rubs(0.1),), held.after.rms, both.rms)
-    monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: told)
+    p, s, damping = asked.p, asked.s, fitted(asked.s, {DAMPING: [0.02]})
+    residual, held = asked.told(damping, 0.1)
+    monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: residual)
+    found = Decision(damping, {DAMPING: []}, *what_is_left(p, damping, s), s)
     result = judgement.judge(p, mujoco.MjModel.from_xml_string(PENDULUM), s, found, held, None)
     assert result.verdict == "unexplained" and not result.fit.hypothesis.terms
     assert result.held.after.rms == result.held.before.rms and result.error_drop == {}

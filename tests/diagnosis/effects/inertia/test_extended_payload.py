@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.closer_forms import closer
 from mpge_jax.diagnosis.simulation.single_step import Machine
 from tests.diagnosis.machines import ARM, PENDULUM, record
-from tests.diagnosis.searches import fitted, search_of
+from tests.diagnosis.searches import fitted, reported, search_of
 
 ID = "payload_mass:extended"
 MASS, AT, RADIUS = 0.3, np.array([0.05, 0.0, -0.2]), 0.12
@@ -52,6 +52,6 @@ def test_an_extent_is_found_where_there_is_one_and_not_where_there_is_none():
         if not radius:
             assert term == point
             continue
-        values = term.effect.report(s.sim.ctx, term.place, final_fit(s, found)[0].theta)
+        values = reported(s, found)
         assert values["mass"] == pytest.approx(MASS, rel=0.03)
         assert values["gyration_radius"] == pytest.approx(RADIUS, rel=0.05)
