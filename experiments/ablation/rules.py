@@ -184,6 +184,14 @@ GATES = (
         changed(1),
     ),
     Gate(
+        "may be none",
+        "effects of which the interval that is reported holds that there is none go, or are in doubt",
+        (),
+        f"{CRITERIA}:may_be_none",
+        fixed([]),
+        lambda answer, *_args: bool(answer),
+    ),
+    Gate(
         "pruned",
         "effects that later ones make needless go",
         ("WEAKEST",),
@@ -323,7 +331,7 @@ WORK = {
     "selection.competition": ("KEEP", "KEEP_OF_MANY"),
     "selection.confirmation": ("ITERATIONS", "SHORT"),
     "selection.forward_selection": ("REST",),
-    "selection.given_masses": ("ITERATIONS",),
+    "selection.given_masses": ("ITERATIONS", "TOGETHER"),
     "selection.procedure": ("REFINED",),
     "selection.search_state": ("MANY", "WORK"),
     "selection.setup": ("POOL", "FEWEST_ROWS"),

@@ -12,6 +12,8 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_widths
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem
 
 Array = np.ndarray
+WITHIN = float(norm.ppf(0.975))
+"""Deviations on either side that a 95 % interval holds."""
 
 
 def finish(p: Problem) -> Fitted:
@@ -45,7 +47,7 @@ def recordings_differ(p: Problem, source: Array) -> Array:
     left_out, by_noise = jackknife(
         precision, np.einsum("gw,wpq->gpq", of, parts, optimize=True), of @ scores, scale
     )
-    few = student_t.ppf(0.975, each.size - 1) / norm.ppf(0.975)
+    few = student_t.ppf(0.975, each.size - 1) / WITHIN
     return few**2 * np.maximum(left_out - _misfit(p) * by_noise, 0.0)
 
 

@@ -24,16 +24,17 @@ def beside_inexact_inertias(sim: Simulator, f: Fitted, w: Windows, white: Whiten
     They are fitted once more together with a factor for each, which is 1 within a deviation of `share`.
     """
     start = with_free_inertias(sim.ctx, f, share)
-    if start is None:
+    if start is None or not f.cov.size:
         return f
     alone, free = fit(sim, [f, start], w, white, iterations=ITERATIONS)
     return as_wide_as(sim.ctx, f, alone, free, share)
 
 
 def with_free_inertias(ctx: Context, f: Fitted, share: float) -> Fitted | None:
-    """`f` with a factor of one for every mass and inertia; None where there is nothing to widen, or it has them."""
+    """`f` with a factor of one for every mass and inertia; None where they are exact, or where it has no parameters or
+    has these already."""
     given = given_inertias(share)
-    if not share or not f.theta.size or not f.cov.size or given in f.hypothesis.terms:
+    if not share or not f.theta.size or given in f.hypothesis.terms:
         return None
     h, null = f.hypothesis.with_term(given), {given: given.effect.null(ctx, given.place)}
     theta, centre = (h.gather(ctx, f.hypothesis.split(ctx, x) | null) for x in (f.theta, f.centre))

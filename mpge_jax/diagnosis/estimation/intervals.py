@@ -9,6 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Effect
 from mpge_jax.diagnosis.effects.context import Context, default_places
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 
 
@@ -64,7 +65,7 @@ def parameters(ctx: Context, f: Fitted, term: Term) -> dict[str, Any]:
     limits = {p.name: (p.low, p.high) for p in effect.params(ctx, place)} if as_fitted else {}
     out = {}
     for k, v in value.items():
-        half = 1.96 * np.sqrt(np.maximum(spread[k], 0.0))
+        half = WITHIN * np.sqrt(np.maximum(spread[k], 0.0))
         out[k] = {
             "value": plain(v),
             "low": plain(np.maximum(np.asarray(v) - half, limits.get(k, (-np.inf, np.inf))[0])),

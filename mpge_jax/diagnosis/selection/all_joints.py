@@ -4,9 +4,9 @@ drive, all at once, then fewer.
 A forward search adds one effect at a time, so that on an arm of many joints the first ones stand for what is missing
 elsewhere (a delay for friction and rotor inertia behind a servo). Where several joints each still move otherwise than
 noise lets them, or several effects were found and the rest is still more than noise, or the search would end with more
-than noise left, the opposite direction is tried: all of the plain effects of joints, fitted together, and those that
-are not needed taken away. So are drives that have one thing in common: commands that pass one bus come late together,
-and one supply makes all of them weaker.
+than noise left, the opposite direction is tried: all of the plain effects of joints, and a mass that some body may
+carry besides, fitted together, and those that are not needed taken away. So are drives that have one thing in common:
+commands that pass one bus come late together, and one supply makes all of them weaker.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
-from mpge_jax.diagnosis.estimation.whitening import usual_excess
+from mpge_jax.diagnosis.estimation.whitening import Whitener, usual_excess
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.selection.competition import at_noise, loud
 from mpge_jax.diagnosis.selection.criteria import needed, strength
@@ -28,6 +28,7 @@ from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
 IN_EVERY_DRIVE = ("actuator_delay", "actuator_gain")
+LOAD = "payload_mass"
 ITERATIONS = 5
 
 
@@ -46,8 +47,9 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     white = s.whiten_one(current, s.train)
     fits = fit(s.sim, starts, s.train, white, iterations=8)
     if not any(at_noise(s, f, s.whiten_one(f, s.train)) for f in fits):
-        both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
-        fits += [] if both is None else fit(s.sim, [both], s.train, white, iterations=8)
+        more = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE), _with_load(s, fits[0], white)
+        fits += fit(s.sim, [f for f in more if f is not None], s.train, white, iterations=8)
+        fits = _with_load_or_without(s, fits)
     # fewer of them explain less than all do, which may not be at their best yet: half the way must be done
     most = 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
     fits = _all_thinned(s, [f for f in fits if usual_excess(f.loss) < most])
@@ -97,6 +99,25 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
         return None
     theta = hypothesis.gather(ctx, parts)
     return Fitted(hypothesis, theta, theta.copy())
+
+
+def _with_load(s: Search, f: Fitted, white: Whitener) -> Fitted | None:
+    """`f` with a mass more at the body where that promises most. None where there is no such body."""
+    loads = [t for t in s.terms if t.id == LOAD and compatible(f.hypothesis, t)]
+    found = s.screened(f, s.sample(f, white), loads) if loads else []
+    return found[0] if found else None
+
+
+def _with_load_or_without(s: Search, fits: list[Fitted]) -> list[Fitted]:
+    """Fits, of two that differ by that mass alone the better one."""
+    for loaded in fits:
+        fewer = Hypothesis.of(*(t for t in loaded.hypothesis.terms if t.id != LOAD))
+        for plain in fits:
+            if plain is not loaded and plain.hypothesis == fewer:
+                more, less = s.score([loaded, plain], s.whiten(loaded))
+                worse = plain if needed(more, less) else loaded
+                return [f for f in fits if f is not worse]
+    return fits
 
 
 def _with_every_drive(s: Search, current: Fitted, effects: tuple[str, ...]) -> Fitted | None:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, held_out_evidence
@@ -53,6 +54,12 @@ def moves(s: Search, new: Fitted, old: Fitted) -> bool:
 def named(s: Search, f: Fitted, without: Hypothesis = Hypothesis()) -> bool:  # noqa: B008
     """Whether every added term differs clearly from what its effect vanishes in."""
     return all(z >= NAMED for term, z in strength(s, f).items() if term not in without.terms)
+
+
+def may_be_none(s: Search, f: Fitted) -> list[Term]:
+    """Named effects of which 95 % intervals hold that there is none, the weakest first."""
+    size = {t: z for t, z in strength(s, f).items() if t.effect.named and z <= WITHIN}
+    return sorted(size, key=lambda t: size[t])
 
 
 def strength(s: Search, f: Fitted) -> dict[Term, float]:

@@ -6,41 +6,47 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.candidates import plain_form
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.effects.inertia.given import GivenInertias
+from mpge_jax.diagnosis.effects.inertia.given import GivenInertias, given_inertias
 from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.inexact_inertias import with_free_inertias
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.evidence.scored import evidence
+from mpge_jax.diagnosis.selection.criteria import strength
 from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.thresholds import NAMED
 
 Array = np.ndarray
-LIKE_MASSES = (
-    "mass_scale",
-    "payload_mass",
-    "com_offset",
-    "external_force",
-    "actuator_bias",
-    "asymmetric_friction",
-)
-"""Effects that masses and inertias that are slightly off pass for, friction that differs by direction where a weight
-pulls one way."""
 ITERATIONS = 8
+TOGETHER = 3
 
 
 def as_given(s: Search, f: Fitted) -> Fitted:
     """`f` with factors of the given masses and inertias, beside the plain form of a friction, in place of every effect
     that is not likelier than they are: by all windows, and by how far from one they would have to be."""
-    given = next((t for t in s.terms if isinstance(t.effect, GivenInertias)), None)
-    if given is None:
+    share = next((t.effect.share for t in s.terms if isinstance(t.effect, GivenInertias)), 0.0)
+    if not share or not f.hypothesis.named:
         return f
-    for term in [t for t in f.hypothesis.named if t.name in LIKE_MASSES]:
+    for term in _like_masses(s, f, share):
         whites = s.whiten(f)
-        (other,) = fit(s.sim, [_instead(s, f, term, given)], s.train, whites[0], iterations=ITERATIONS)
+        (other,) = fit(
+            s.sim, [_instead(s, f, term, given_inertias(share))], s.train, whites[0], iterations=ITERATIONS
+        )
         now, then = s.score([f, other], whites)
         if not beyond_doubt(evidence(now, then) + _unlikely(s, other) - _unlikely(s, f)):
             s.log.append(f"as given: {f.hypothesis} -> {other.hypothesis}")
             f = other
     return f
+
+
+def _like_masses(s: Search, f: Fitted, share: float) -> list[Term]:
+    """Effects that do not differ clearly from nothing where the masses and inertias are free too, and laws of friction
+    that contain plainer ones: where a weight pulls one way, masses pass for what differs by direction."""
+    ctx, free = s.sim.ctx, with_free_inertias(s.sim.ctx, f, share)
+    if free is not None:
+        (free,) = fit(s.sim, [free], s.train, s.whiten_one(f, s.train), iterations=TOGETHER)
+    size, parts = strength(s, free or f), f.hypothesis.split(ctx, f.theta)
+    return [t for t in f.hypothesis.named if size[t] < NAMED or plain_form(ctx, t, parts[t]).keys() - {t}]
 
 
 def _instead(s: Search, f: Fitted, term: Term, given: Term) -> Fitted:

@@ -13,14 +13,15 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inertias
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import as_wide_as_recordings_differ
-from mpge_jax.diagnosis.evidence.held_out_error import FitReport
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport, left_out
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined, with_timestep_error
-from mpge_jax.diagnosis.selection.confirmation import confirmed, predicts_better
+from mpge_jax.diagnosis.selection.confirmation import confirmed, predicts_better, refitted
+from mpge_jax.diagnosis.selection.criteria import may_be_none
 from mpge_jax.diagnosis.selection.forward_selection import search
 from mpge_jax.diagnosis.selection.given_masses import as_given
 from mpge_jax.diagnosis.selection.remainder import Remainder, leaves, remainder
@@ -29,6 +30,7 @@ from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, EXCHANGES
 
+MAY_BE_NONE = "its 95 % interval, with what recordings and masses leave open, holds that there is none"
 REFINED = 60
 """Windows of the reported length, at most, from which parameters are refined in the end."""
 
@@ -71,9 +73,20 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
 
 
 def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport]:
-    """What was found, without what the test recordings are predicted no better with; and the errors there."""
-    found, report = _kept(p, s, found, "test")
-    return replace(found, fit=_with_honest_intervals(p, s, found)), report
+    """What was found, without what the test recordings are predicted no better with, and without effects of which the
+    interval that is reported holds that there is none, where nothing is left without them; and the errors there."""
+    while True:
+        found, report = _kept(p, s, found, "test")
+        sure = replace(found, fit=_with_honest_intervals(p, s, found))
+        unsure = may_be_none(s, sure.fit)
+        if not unsure or found.left is not None:
+            return sure, report
+        f = found.fit.of_terms(p.ctx, found.fit.hypothesis.without(unsure[0]))
+        fewer = with_fewer(p, s, found, refitted(s, f))
+        if fewer.left is not None:
+            return sure, report
+        p.warnings += left_out(unsure[:1], MAY_BE_NONE)
+        found = fewer
 
 
 def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision, FitReport]:

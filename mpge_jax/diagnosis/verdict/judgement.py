@@ -30,6 +30,7 @@ from mpge_jax.diagnosis.evidence.held_out_error import (
 )
 from mpge_jax.diagnosis.residual.model import with_residual
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
+from mpge_jax.diagnosis.selection.criteria import may_be_none
 from mpge_jax.diagnosis.selection.procedure import Decision
 from mpge_jax.diagnosis.selection.remainder import leaves
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -202,6 +203,7 @@ def judge(
         named = found.fit.hypothesis.named or (drives is not None and drives.fits)
         verdict = "effects" if named else "none"
     location, warnings = by_joint(p, s), list(dict.fromkeys(p.warnings))
+    unsure = may_be_none(s, found.fit)
     return Result(
         verdict,
         p,
@@ -218,5 +220,5 @@ def judge(
         drives,
         remainder=share if unexplained is None else 0.0,
         residual=residual,
-        doubtful=doubtful(beside, drives) if unexplained is not None else (),
+        doubtful=() if unexplained is None else tuple(dict.fromkeys((*doubtful(beside, drives), *unsure))),
     )
