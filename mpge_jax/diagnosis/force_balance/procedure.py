@@ -109,7 +109,7 @@ def leaving_plain(ctx: Context, parts: dict[Term, Array], term: Term) -> dict[Te
 def beside_inexact_inertias(b: Balance, f: Fitted, share: float) -> Fitted:
     """`f` with intervals that hold what masses and inertias that are off by `share` leave open."""
     start = with_free_inertias(b.ctx, f, share)
-    if start is None:
+    if start is None or not f.cov.size:
         return f
     free = polished(b, start.hypothesis.split(b.ctx, start.theta))
     return as_wide_as(b.ctx, f, f, free, share)
