@@ -78,15 +78,16 @@ Then came that an effect is in doubt of which the interval that is reported hold
 and both were no part of the truth. That a fit tells which effects masses pass for (`as given`) took the place of a list
 of six of them.
 
-Then a mass at one body is tried beside friction, damping and rotor inertia in every joint (`every joint`). Of `build --seed
-66 --repeats 0 --pairs 0 --triples 0 --unknown 0 --nulls 0 --whole 20 --lifelike` a servo arm (case 003) that lacks all
-that had been told to have weaker drives, a force and a moved centre of mass, and something unknown; eight of its nine
-effects are named now, and nothing else. A geared arm and another servo arm of that set (000, 007) are answered as before.
+Then a mass at one body is tried beside friction, damping and rotor inertia in every joint (`every joint`). Of
+`build --seed 66 --repeats 0 --pairs 0 --triples 0 --unknown 0 --nulls 0 --whole 20 --lifelike` a servo arm (case 003)
+that lacks all that had been told to have weaker drives, a force and a moved centre of mass, and something unknown;
+eight of its nine effects are named now, and nothing else. A geared arm and another servo arm of that set (000, 007) are
+answered as before.
 
 Tried and not kept: ranks in place of a mean that is in doubt (two windows slip, the others differ by next to nothing:
 a certain wrong answer); searching longer windows also where the shorter ones leave nothing (four cases, no answer
 better; on a balancing robot, which no one can predict for long, three wrong names in place of one);
-functions of what is left that depend on how far a joint went since it turned (on brfd, kinova_gen3 and
+where the motion is given, functions of how far a joint went since it turned (on brfd, kinova_gen3 and
 panda_bag, no steady gain on test recordings); weak or late drives of all joints at once, beside friction, damping
 and rotor inertia. Weak drives together imitate a mass (on two of six arms that lack something in every joint the
 names became wrong), and delays of all drives are, in a log, those of all sensors. Where the motion is given: factors of
