@@ -47,9 +47,9 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     white = s.whiten_one(current, s.train)
     fits = fit(s.sim, starts, s.train, white, iterations=8)
     if not any(at_noise(s, f, s.whiten_one(f, s.train)) for f in fits):
-        more = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE), _with_load(s, fits[0], white)
-        fits += fit(s.sim, [f for f in more if f is not None], s.train, white, iterations=8)
-        fits = _with_load_or_without(s, fits)
+        both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
+        fits += [] if both is None else fit(s.sim, [both], s.train, white, iterations=8)
+        fits[0] = _with_load(s, fits[0], white)
     # fewer of them explain less than all do, which may not be at their best yet: half the way must be done
     most = 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
     fits = _all_thinned(s, [f for f in fits if usual_excess(f.loss) < most])
@@ -101,23 +101,15 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
     return Fitted(hypothesis, theta, theta.copy())
 
 
-def _with_load(s: Search, f: Fitted, white: Whitener) -> Fitted | None:
-    """`f` with a mass more at the body where that promises most. None where there is no such body."""
+def _with_load(s: Search, f: Fitted, white: Whitener) -> Fitted:
+    """`f`, or with a mass more at the body where that promises most, if windows are predicted better with it."""
     loads = [t for t in s.terms if t.id == LOAD and compatible(f.hypothesis, t)]
     found = s.screened(f, s.sample(f, white), loads) if loads else []
-    return found[0] if found else None
-
-
-def _with_load_or_without(s: Search, fits: list[Fitted]) -> list[Fitted]:
-    """Fits, of two that differ by that mass alone the better one."""
-    for loaded in fits:
-        fewer = Hypothesis.of(*(t for t in loaded.hypothesis.terms if t.id != LOAD))
-        for plain in fits:
-            if plain is not loaded and plain.hypothesis == fewer:
-                more, less = s.score([loaded, plain], s.whiten(loaded))
-                worse = plain if needed(more, less) else loaded
-                return [f for f in fits if f is not worse]
-    return fits
+    if not found:
+        return f
+    (loaded,) = fit(s.sim, found[:1], s.train, white, iterations=8)
+    more, less = s.score([loaded, f], s.whiten(loaded))
+    return loaded if needed(more, less) else f
 
 
 def _with_every_drive(s: Search, current: Fitted, effects: tuple[str, ...]) -> Fitted | None:

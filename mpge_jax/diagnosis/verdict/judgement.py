@@ -203,7 +203,7 @@ def judge(
         named = found.fit.hypothesis.named or (drives is not None and drives.fits)
         verdict = "effects" if named else "none"
     location, warnings = by_joint(p, s), list(dict.fromkeys(p.warnings))
-    unsure = may_be_none(s, found.fit)
+    doubts = () if unexplained is None else (*doubtful(beside, drives), *may_be_none(s, found.fit))
     return Result(
         verdict,
         p,
@@ -220,5 +220,5 @@ def judge(
         drives,
         remainder=share if unexplained is None else 0.0,
         residual=residual,
-        doubtful=() if unexplained is None else tuple(dict.fromkeys((*doubtful(beside, drives), *unsure))),
+        doubtful=tuple(dict.fromkeys(doubts)),
     )

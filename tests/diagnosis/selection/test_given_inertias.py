@@ -181,7 +181,8 @@ def test_a_drive_is_weak_where_masses_that_are_a_little_off_do_not_make_it_so(ga
 
     s, _ = search_of(ARM, record(ARM, [4.0, 0.8], change=change))
     drive = next(t for t in s.terms if str(t) == "actuator_gain@shoulder_motor")
-    (f,) = fit(s.sim, [fitted(s, {drive: [gain]})], s.train, s.whiten(fitted(s, {drive: [gain]}))[0])
+    start = fitted(s, {drive: [gain]})
+    (f,) = fit(s.sim, [start], s.train, s.whiten(start)[0])
     told = as_given(s, f)
     assert set(told.hypothesis.named) == (set() if gain == 1.0 else {drive})
     if gain == 1.0:
