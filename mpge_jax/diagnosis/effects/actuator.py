@@ -253,7 +253,7 @@ class BackEmf(_Linear):
 
 @register
 class TorqueSaturation(OfActuator):
-    id, order, closer = "torque_saturation", 5, SOFT
+    id, order, closer = "torque_saturation", 5, (SOFT,)
     equation = "clip(tau, +-limit)"
     says = "The actuator {at} gives at most {limit}."
     fields = ("actuator_forcerange", "actuator_forcelimited")

@@ -43,7 +43,7 @@ def waves(
 class JointStiffness(Effect):
     """Fitted as -k q + c; c = k q0."""
 
-    id, kinds, closer = "joint_stiffness", ("joint",), HARDENING
+    id, kinds, closer = "joint_stiffness", ("joint",), (HARDENING,)
     equation = "-k (q - q0)"
     says = "A spring of {stiffness} that the model lacks pulls the {at} towards {reference}."
     fields = ("jnt_stiffness", "qpos_spring")

@@ -69,8 +69,8 @@ class Effect:
     """Whether `along` tells its force where only the motion is known."""
     simulated = True
     """Whether the search by simulated windows tries it; else only where motion and force are given."""
-    closer: str = ""
-    """How the identifier of its closer form ends (see `closer.Closer`); none where it has none."""
+    closer: tuple[str, ...] = ()
+    """How the identifiers of its closer forms end (see `closer.Closer`), in the order in which they are tried."""
     named = True
     """Whether it is physics that a verdict names; else it corrects what is given."""
     senses = False

@@ -24,6 +24,8 @@ class Closer(Effect):
     """What it adds to the plain one's sentence."""
     further = 1
     """How many parameters are its own."""
+    beside: str = ""
+    """An effect of the same place without which it may not show: where the place has none, both are tried together."""
 
     def __init__(self, plain: Effect) -> None:
         self.plain = plain
@@ -91,12 +93,12 @@ class Closer(Effect):
 
 
 def closer_form(made: type[Closer]) -> type[Closer]:
-    """Class decorator: effects whose `closer` is the ending of this form have it, under their identifier with that."""
+    """Class decorator: effects whose `closer` has the ending of this form have it, under their identifier with that."""
 
     @lru_cache(maxsize=64)
     def of(form: str) -> Closer:
         plain = dict.get(REGISTRY, form.removesuffix(made.ending))
-        if plain is None or plain.closer != made.ending:
+        if plain is None or made.ending not in plain.closer:
             raise KeyError(form)
         return made(plain)
 

@@ -102,9 +102,12 @@ def _advance(
             steps += [x for t in steps[:1] for x in beyond(p, t, ctx)]
             trials += [(p, t) for t in [*steps, *detours]]
             continue
-        promised = p.fit.loss - min((promise(p, t, w, white) for t in steps[:1]), default=p.fit.loss)
-        p.last = promised < tolerance * max(p.fit.loss, LEAST)
-        p.done = promised < NEGLIGIBLE * tolerance * max(p.fit.loss, LEAST)
+        least = tolerance * max(p.fit.loss, LEAST)
+        # a full step may promise harm: losses are robust, and more so where windows are missed by much
+        gains = (p.fit.loss - promise(p, t, w, white) for t in steps)
+        promised = next((gain for gain in gains if gain > -least), 0.0)
+        p.last = promised < least
+        p.done = promised < NEGLIGIBLE * least
         if not p.done:
             trials += [(p, t) for t in steps[:1]]
             further += [(p, t) for t in steps[1:]]
@@ -143,12 +146,18 @@ def _tried(
     """The problems' fits at other parameters, with whitened residuals [W, M] there; not where none moves (at a bound):
     a loss by cheaper steps may be another one, which is no gain."""
     trials = [(p, t) for p, t in trials if not np.array_equal(t, p.fit.theta)]
-    told = sim.cheaply if sim.costly(w) else sim.residuals
+    runs = [Run(p.fit.hypothesis, t) for p, t in trials]
+    told = _told(sim, runs, [p.exactly for p, _ in trials], w)
     out = []
-    for (p, t), r in zip(trials, told([Run(p.fit.hypothesis, t) for p, t in trials], w), strict=True):
+    for (p, t), r in zip(trials, told, strict=True):
         flat = white(r + p.offset if p.offset.size else r)
         out.append((p, _judged(p, t, flat, w, white), flat))
     return out
+
+
+def _told(sim: Simulator, runs: list[Run], exactly: list[bool], w: Windows) -> Array:
+    """Residuals of runs, by cheaper steps where these show what a change does and the run is not told `exactly`."""
+    return sim.cheaply(runs, w, np.array(exactly, dtype=bool)) if sim.costly(w) else sim.residuals(runs, w)
 
 
 def _better(tried: list[tuple[Problem, Fitted, Array]]) -> dict[int, tuple[Fitted, Array]]:
@@ -178,13 +187,16 @@ def _move(p: Problem, to: Fitted, flat: Array) -> None:
 
 def _verify(sim: Simulator, problems: list[Problem], w: Windows, white: Whitener, tolerance: float) -> None:
     """Losses by the model's own steps where problems stand, if cheaper ones told them. Where these led one astray, it
-    goes back to where that was done last; where they promised something else, it goes on."""
+    goes on by the model's own from where those told it last; where they promised something else, it goes on."""
     if not sim.costly(w):
         return
+    problems = [p for p in problems if not p.exactly]
     exact = sim.residuals([Run(p.fit.hypothesis, p.fit.theta) for p in problems], w)
     for p, r in zip(problems, exact, strict=True):
         found = _judged(p, p.fit.theta, white(r), w, white)
         if p.verified is not None and found.loss >= p.verified.loss:
+            if not np.array_equal(found.theta, p.verified.theta):
+                p.exactly, p.done, p.last, p.damping = True, False, False, 1e-3
             p.fit = p.verified
             continue
         p.done = p.done and abs(found.loss - p.fit.loss) < tolerance * max(found.loss, LEAST)
@@ -198,6 +210,7 @@ def _linearise(
     """Residuals and Jacobians [p, W, M] at the present parameters, all in one batch; of terms whose slopes are `known`
     near these, those."""
     runs: list[Run] = []
+    exactly: list[bool] = []
     layout: list[tuple[int, Array, dict[int, Array]]] = []
     for p in problems:
         steps, told = p.steps(), _of_parameters(p, sim, known or {})
@@ -207,10 +220,10 @@ def _linearise(
             theta = p.fit.theta.copy()
             theta[i] += steps[i]
             runs.append(Run(p.fit.hypothesis, theta))
+        exactly += [p.exactly] * (len(runs) - len(exactly))
     if not runs:
         return
-    costly = sim.costly(w)
-    res = (sim.cheaply if costly else sim.residuals)(runs, w)
+    costly, res = sim.costly(w), _told(sim, runs, exactly, w)
     for p, (first, steps, told) in zip(problems, layout, strict=True):
         own = [i for i in range(steps.size) if i not in told]
         here = res[first : first + 1 + len(own)]

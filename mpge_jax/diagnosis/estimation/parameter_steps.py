@@ -27,6 +27,7 @@ class Problem:
         secant: whether these hold what was seen on the way here, and were not all simulated here.
         verified: where the model's own steps told the residuals last, if cheaper ones stand for them. exact: [W, N,
         2 nv] these residuals, empty where not known yet. offset: [W, N, 2 nv] the same less those of the cheaper steps.
+        exactly: whether it goes by the model's own steps, as cheaper ones led it astray.
         stride: length of finite differences, in usual ones. smooth: whether slopes tell where to go.
         small: steps without a gain. last: whether the step promises no further gain after it. done: whether it ended.
     """
@@ -40,6 +41,7 @@ class Problem:
     verified: Fitted | None = None
     exact: Array = field(default_factory=nothing)
     offset: Array = field(default_factory=nothing)
+    exactly: bool = False
     stride: float = 1.0
     smooth: bool = False
     small: int = 0
@@ -107,25 +109,23 @@ def _step(p: Problem, weight: Array, damping: float, residuals: Array | None = N
     diagonal = np.diag(h).copy()
     diagonal[diagonal <= 0] = 1e-30
     free = np.ones(len(p.params), bool)
-    theta = p.fit.theta
-    for _ in range(3):
+    step = np.zeros(len(p.params))
+    while free.any():
         index = np.flatnonzero(free)
-        if not index.size:
-            break
         a = h[np.ix_(index, index)] + damping * np.diag(diagonal[index])
         scale = 1.0 / np.sqrt(np.diag(a))
-        solution = (
-            np.linalg.lstsq(a * scale[:, None] * scale[None, :], g[index] * scale, rcond=1e-12)[0] * scale
+        down = (g + h @ np.where(free, 0.0, step))[index]
+        step[index] = (
+            -np.linalg.lstsq(a * scale[:, None] * scale[None, :], down * scale, rcond=1e-12)[0] * scale
         )
-        trial = p.fit.theta.copy()
-        trial[index] -= solution
-        clipped = np.clip(trial, low, high)
-        blocked = (clipped != trial) & ((p.fit.theta == low) | (p.fit.theta == high)) & free
-        theta = clipped
-        if not blocked.any():
+        there = p.fit.theta + step
+        beyond = free & ((there < low) | (there > high))
+        if not beyond.any():
             break
-        free &= ~blocked
-    return theta
+        # the others go where they are best with these at their bounds
+        step = np.where(beyond, np.clip(there, low, high) - p.fit.theta, step)
+        free &= ~beyond
+    return np.clip(p.fit.theta + step, low, high)
 
 
 def promise(p: Problem, theta: Array, w: Windows, white: Whitener) -> float:

@@ -6,13 +6,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.closer import Closer
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit, slopes_of
 from mpge_jax.diagnosis.selection.competition import at_noise
-from mpge_jax.diagnosis.selection.criteria import needed
+from mpge_jax.diagnosis.selection.criteria import needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import NAMED
 
@@ -20,45 +22,90 @@ ITERATIONS = 12
 
 
 def closer(s: Search, current: Fitted) -> Fitted:
-    """`current` with the closer forms of its effects, all at once, less those that turn out no better than the plain
-    ones, where held-out windows are predicted better so beyond doubt."""
-    ctx = s.sim.ctx
-    plain = [t for t in current.hypothesis.terms if t.effect.closer and _closer(_form(t)).fits(ctx, t.place)]
-    if not plain or s.sim.rugged(current.hypothesis):
+    """`current` with closer forms of its effects where held-out windows are predicted better so beyond doubt: the first
+    forms of all effects together, then the second ones of those that are still plain. A form that stands without what
+    it shows beside is tried once more with it."""
+    for turn in range(max((len(REGISTRY[t.plain].closer) for t in current.hypothesis.terms), default=0)):
+        current = _with_better(s, current, _forms(s, current, turn))
+    return current
+
+
+def _forms(s: Search, current: Fitted, turn: int) -> dict[Term, Term]:
+    """The closer forms that are tried of the terms of a fit at a turn."""
+    out = {}
+    for t in current.hypothesis.terms:
+        for ending in REGISTRY[t.plain].closer[turn : turn + 1]:
+            form = Term(t.plain + ending, t.place)
+            if t.id == t.plain or (t == form and _beside(s, current, form)):
+                out[t] = form
+    return {t: form for t, form in out.items() if _closer(form).fits(s.sim.ctx, t.place)}
+
+
+def _beside(s: Search, f: Fitted, form: Term) -> list[Term]:
+    """What a form shows beside, where that may be added."""
+    other = Term(_closer(form).beside, form.place)
+    return [other] if other in s.terms and compatible(f.hypothesis, other) else []
+
+
+def _with_better(s: Search, current: Fitted, forms: dict[Term, Term]) -> Fitted:
+    """`current` with closer `forms` of some effects: with those that clearly differ from the plain ones, or with all,
+    if it is better so."""
+    if not forms or s.sim.rugged(current.hypothesis):
         return current
     white = s.whiten_one(current, s.train)
     if at_noise(s, current, white):
         return current
     sample = s.sample(current, white)
-    slopes, starts = slopes_of(s.sim, current, *sample), _with_closer(ctx, current, plain)
+    slopes = {t: x for t, x in slopes_of(s.sim, current, *sample).items() if t not in forms}
+    starts = _with_closer(s, current, forms)
     quick = fit(s.sim, starts, *sample, iterations=ITERATIONS, slopes=slopes, anew=False)
     best = min(quick, key=lambda f: f.loss)
     if best.loss >= evaluate(s.sim, [current], *sample)[0].loss:
         return current
-    best = fit(s.sim, [best], s.train, white, iterations=ITERATIONS)[0]
-    idle = [t for t in best.hypothesis.terms if t.id != t.plain and not _differs(ctx, best, t)]
-    if idle:
-        best = fit(s.sim, [with_plain(ctx, best, idle)], s.train, white, iterations=ITERATIONS)[0]
-    found = len(set(best.hypothesis.terms) - set(current.hypothesis.terms))
-    if not found:
-        return current
-    whites = s.whiten(best)
-    best, old = fit(s.sim, [best, current], s.train, whites[0], iterations=ITERATIONS)
-    new, before = s.score([best, old], whites)
-    better = needed(new, before, 1, found)
-    s.log.append(
-        f"closer forms: {before.losses.mean():.3f} -> {new.losses.mean():.3f}"
-        + ("" if better else " (not accepted)")
+    every = fit(s.sim, [best], s.train, white, iterations=ITERATIONS)[0]
+    fewer = _without_idle(s, current, every)
+    some = [] if fewer.hypothesis in (current.hypothesis, every.hypothesis) else [fewer]
+    whites = s.whiten(every)
+    *tried, old = s.score(
+        fit(s.sim, [*some, every, current], s.train, whites[0], iterations=ITERATIONS), whites
     )
-    return best if better else current
+    chosen = old
+    for new in tried:
+        if needed(new, chosen, 1, len(_further(chosen.fit, new.fit))):
+            chosen = new
+    s.log.append(
+        "closer forms: "
+        + "; ".join(f"{x.fit.hypothesis} {x.losses.mean():.3f}" for x in (old, *tried))
+        + ("" if chosen is not old else " (not accepted)")
+    )
+    return current if chosen is old else chosen.fit
 
 
-def _with_closer(ctx: Context, f: Fitted, terms: list[Term]) -> list[Fitted]:
-    """`f` with the closer forms of some effects, from small differences to large ones."""
+def _without_idle(s: Search, current: Fitted, every: Fitted) -> Fitted:
+    """`every` with the plain forms of those closer ones that hardly differ from them, and without what was added beside
+    these or is itself hardly there."""
+    ctx, further, strong = s.sim.ctx, _further(current, every), strength(s, every)
+    closer_ones = {t for t in further if t.id != t.plain}
+    idle = [t for t in closer_ones if not _differs(ctx, every, t)]
+    places = {t.place for t in closer_ones.difference(idle)}
+    gone = {t for t in further - closer_ones if t.place not in places or strong[t] < NAMED}
+    fewer = with_plain(ctx, every, idle)
+    return fewer.of_terms(ctx, Hypothesis.of(*(t for t in fewer.hypothesis.terms if t not in gone)))
+
+
+def _further(old: Fitted, new: Fitted) -> set[Term]:
+    """Terms that only the new fit has."""
+    return set(new.hypothesis.terms) - set(old.hypothesis.terms)
+
+
+def _with_closer(s: Search, f: Fitted, forms: dict[Term, Term]) -> list[Fitted]:
+    """`f` with closer forms of some effects, and with what they show beside, from small differences to large ones."""
+    ctx = s.sim.ctx
     parts, starts = f.hypothesis.split(ctx, f.theta), {}
-    for t in terms:
-        form = _form(t)
-        starts[t] = form, _closer(form).starts_from(ctx, t.place, parts[t])
+    for t, x in forms.items():
+        plain = parts[t][: len(REGISTRY[t.plain].params(ctx, t.place))]
+        starts[t] = x, _closer(x).starts_from(ctx, t.place, plain)
+        starts |= {other: (other, other.effect.null(ctx, other.place)[None]) for other in _beside(s, f, x)}
     return [
         _exchanged(ctx, f, {t: (form, each[min(k, len(each) - 1)]) for t, (form, each) in starts.items()})
         for k in range(max(len(each) for _, each in starts.values()))
@@ -83,11 +130,6 @@ def _differs(ctx: Context, f: Fitted, term: Term) -> bool:
     """Whether a closer form's first own parameter differs from none."""
     i = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(term)].stop - _closer(term).further
     return bool(abs(f.theta[i]) > NAMED * np.sqrt(max(f.cov[i, i], 0.0)))
-
-
-def _form(plain: Term) -> Term:
-    """The closer form of a term."""
-    return Term(plain.id + plain.effect.closer, plain.place)
 
 
 def _closer(term: Term) -> Closer:

@@ -119,14 +119,16 @@ class Simulator:
         fourfold = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         return bool(fourfold or self.stride > 1) and w.steps >= MANY_STEPS
 
-    def cheaply(self, runs: list[Run], w: Windows) -> Array:
+    def cheaply(self, runs: list[Run], w: Windows, exactly: Array | None = None) -> Array:
         """As `residuals`, in larger steps, and semi-implicit ones for those that evaluate the dynamics four times:
         differences between runs are told far better than runs. Where parts strike each other each step decides, so
-        that such runs are simulated in the model's own."""
-        rugged = np.array([run.hypothesis.rugged for run in runs], dtype=bool)
-        if rugged.any():
+        that such runs are simulated in the model's own, as are those [R] that are asked for `exactly`."""
+        own_steps = np.array([run.hypothesis.rugged for run in runs], dtype=bool)
+        if exactly is not None:
+            own_steps |= exactly
+        if own_steps.any():
             out = np.empty((len(runs), w.count, w.times.shape[1], 2 * self.model.nv))
-            for each, told in ((rugged, self.residuals), (~rugged, self.cheaply)):
+            for each, told in ((own_steps, self.residuals), (~own_steps, self.cheaply)):
                 if each.any():
                     out[each] = told([runs[i] for i in np.flatnonzero(each)], w)
             return out

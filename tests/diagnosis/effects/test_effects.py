@@ -40,6 +40,8 @@ VALUES = {
     "coulomb_friction:elastic": [0.05, 0.4, 0.3], "stribeck_friction:elastic": [0.03, 0.04, 0.4, 0.4, 0.3],
     "load_dependent_friction:elastic": [0.02, 0.1, 0.4, 0.3],
     "load_dependent_friction:gear:elastic": [0.02, 0.1, 0.4, 0.3],
+    "load_dependent_friction:falling": [0.02, 0.1, 0.4, 0.3],
+    "load_dependent_friction:gear:falling": [0.02, 0.1, 0.4, 0.3],
     "joint_stiffness:hardening": [0.6, 0.1, 0.3], "payload_mass:extended": [0.2, 0.02, 0.01, -0.3, 0.1],
     "asymmetric_friction:elastic": [0.03, 0.06, 0.02, 0.05, 0.4, 0.3], "torque_saturation:soft": [0.3, 0.2],
 }  # fmt: skip
@@ -77,7 +79,7 @@ def command(k: int) -> np.ndarray:
 
 def test_the_vocabulary_is_complete():
     assert set(VOCABULARY) <= set(REGISTRY) and len(VOCABULARY) == 28
-    unlisted = {"given_inertias:0.03", *(i + e.closer for i, e in REGISTRY.items() if e.closer)}
+    unlisted = {"given_inertias:0.03", *(i + ending for i, e in REGISTRY.items() for ending in e.closer)}
     assert set(VALUES) == {*REGISTRY, *unlisted} and not unlisted & set(REGISTRY)
 
 
@@ -160,7 +162,8 @@ def test_native_export_moves_like_the_effect(effect_id):
     if not m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0]):
         assert effect_id in (
             "stribeck_friction", "load_dependent_friction", "load_dependent_friction:gear", "asymmetric_friction",
-            "coulomb_friction:behind_gap", *(i for i in EVERY if i.endswith((":elastic", ":hardening", ":soft"))),
+            "coulomb_friction:behind_gap",
+            *(i for i in EVERY if i.endswith((":elastic", ":falling", ":hardening", ":soft"))),
             "cogging_torque", "backlash", "actuator_bias:reclipped", "actuator_deadzone:limited",
             "joint_flexibility", "actuator_deadzone", "external_force", "encoder_offset", "sensor_delay",
         )  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from mpge_jax.diagnosis.effects.context import Param
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import _move, fit, gauss_newton_shift, slopes_of
-from mpge_jax.diagnosis.estimation.parameter_steps import Problem
+from mpge_jax.diagnosis.estimation.parameter_steps import Problem, _step
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from tests.diagnosis.machines import PENDULUM, record
 from tests.diagnosis.searches import COULOMB, DAMPING, fitted, search_of
@@ -137,3 +139,31 @@ def test_slopes_that_several_fits_share_are_simulated_once(rubbing, monkeypatch,
 
 def test_of_nothing_there_are_no_slopes(rubbing):
     assert slopes_of(rubbing.sim, NOTHING, rubbing.train, rubbing.whiten_one(NOTHING, rubbing.train)) == {}
+
+
+def test_a_step_ends_at_bounds_where_it_is_best_with_the_others_there():
+    """r = (a + b, a - 3 b - 4), 0 <= a, b <= 5 from (1, 1): free, a = 1 and b = -1; with b = 0, a = 2."""
+    params = [Param(name, "1", 0.0, 5.0, 1.0, prior=1e9) for name in "ab"]
+    p = Problem(Fitted(NOTHING.hypothesis, np.ones(2), np.ones(2)), params, damping=0.0)
+    p.jacobian = np.array([[[1.0, 1.0]], [[1.0, -3.0]]])
+    p.whitened = np.array([[2.0, -6.0]])
+    p.fit = replace(p.fit, x=np.zeros(1))
+    np.testing.assert_allclose(_step(p, p.weight, 0.0), [2.0, 0.0], atol=1e-12)
+
+
+def test_where_cheaper_steps_lead_astray_the_model_s_own_lead_on(rubbing, monkeypatch):
+    """Cheaper steps by which friction does the same everywhere, and damping nothing."""
+    s, cheaply = rubbing, Simulator.cheaply
+
+    def wrong(sim, runs, w, exactly=None):
+        told = cheaply(sim, runs, w, exactly)
+        for r, run in enumerate(runs):
+            if exactly is None or not exactly[r]:
+                told[r] = 3.0 * run.theta[0]
+        return told
+
+    white = s.whiten_one(NOTHING, s.train)
+    monkeypatch.setattr(Simulator, "cheaply", wrong)
+    assert s.sim.costly(s.train)
+    found = fit(s.sim, [fitted(s, {COULOMB: [0.05], DAMPING: [0.0]})], s.train, white, iterations=12)[0]
+    assert found.theta == pytest.approx([0.1, 0.03], rel=0.1)

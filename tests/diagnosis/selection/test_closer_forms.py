@@ -6,11 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
 from mpge_jax.diagnosis.selection.closer_forms import closer, with_plain
 from mpge_jax.diagnosis.selection.forward_selection import search
 from tests.diagnosis.machines import PENDULUM, really_sticks, record
-from tests.diagnosis.searches import COULOMB, fitted, search_of
+from tests.diagnosis.searches import COULOMB, HINGE, fitted, search_of
 
 SLIDES, STIFFNESS, DAMPED = 0.15, 30.0, 0.26
 INERTIA = 0.0195
@@ -58,4 +59,41 @@ def test_it_is_found_named_as_its_law_and_leaves_nothing_for_others(elastic):
 def test_friction_that_does_not_give_way_stays_rigid_though_something_else_is_left():
     s = _search(change=_rigid)
     current = fitted(s, {COULOMB: [SLIDES]})
+    assert closer(s, current) is current
+
+
+FALLING = "load_dependent_friction:falling"
+
+
+def _gear(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Dry friction of a fifth of the motor's torque, twice that at rest, falling by 0.5 rad/s; 0.03 N m s/rad."""
+    load, v = abs(float(data.ctrl[0])), float(data.qvel[0])
+    model.dof_frictionloss[0] = 0.2 * load * (1.0 + np.exp(-((v / 0.5) ** 2)))
+    data.qfrc_applied[0] -= 0.03 * v
+
+
+@pytest.fixture(scope="module")
+def geared():
+    return _search(change=lambda m: really_sticks(m, 0), force=_gear)
+
+
+@pytest.mark.parametrize("start", [("load_dependent_friction", [0.0, 0.3]), (FALLING, [0.0, 0.25, 0.3, 0.1])])
+def test_friction_under_load_that_falls_from_rest_is_found_beside_damping(geared, start):
+    """Also where it was found before, but without damping."""
+    form, theta = start
+    better = closer(geared, fitted(geared, {Term(form, HINGE): theta}))
+    damping, falling = Term("viscous_damping", HINGE), Term(FALLING, HINGE)
+    assert set(better.hypothesis.terms) == {falling, damping}
+    parts = better.hypothesis.split(geared.sim.ctx, final_fit(geared, better)[0].theta)
+    assert parts[damping] == pytest.approx([0.03], rel=0.05)
+    assert parts[falling] == pytest.approx([0.0, 0.2, 1.0, 0.5], rel=0.1, abs=0.005)
+
+
+def test_friction_under_load_that_does_not_fall_keeps_its_plain_form():
+    def plain(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        model.dof_frictionloss[0] = 0.2 * abs(float(data.ctrl[0]))
+        data.qfrc_applied[0] -= 0.3 * np.sin(3.0 * float(data.qpos[0]))
+
+    s = _search(change=lambda m: really_sticks(m, 0), force=plain)
+    current = fitted(s, {Term("load_dependent_friction", HINGE): [0.0, 0.2]})
     assert closer(s, current) is current

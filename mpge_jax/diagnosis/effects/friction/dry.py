@@ -7,13 +7,17 @@ from typing import Any
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect, register
-from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
-from mpge_jax.diagnosis.effects.friction.scales import damping_param, torque_param
+from mpge_jax.diagnosis.effects.context import Context, Param, Place
+from mpge_jax.diagnosis.effects.friction.scales import damping_param, falling_param, torque_param
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.machine.model import actuators_of_joint
 
 ELASTIC = ":elastic"
 """How the identifier of the form of a law ends that gives way before it slides."""
+FALLING = ":falling"
+"""How the identifier of the form of a law ends that falls from rest to sliding."""
+FALLS_BY = (0.4, 1.2, 4.0)
+"""Speeds by which friction has fallen to start from, in their scale."""
 SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)
 """Impedance of dry friction: 1 % of the mobility is left as regularisation."""
 
@@ -33,7 +37,8 @@ def stiff_dry_friction(f: Fields, ctx: Context, dof: int, like: Array) -> None:
 class Dry(Effect):
     """What laws of dry friction have in common."""
 
-    kinds, closer = ("joint",), ELASTIC
+    kinds = ("joint",)
+    closer: tuple[str, ...] = (ELASTIC,)
     fields = FIELDS
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
@@ -68,12 +73,10 @@ class StribeckFriction(Dry):
     remedy = "ramp the joint very slowly through zero speed, several times in each direction"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        v = max(float(ctx.speed[ctx.dof(place)]), 1e-3)
-        unit = joint_unit(ctx, place, "rad/s", "m/s")
         return (
             torque_param(ctx, place, "coulomb"),
             torque_param(ctx, place, "rise"),
-            Param("velocity", unit, 0.005 * v, 3 * v, 0.1 * v),
+            falling_param(ctx, place),
         )
 
     def report(self, ctx: Context, place: Place, theta: np.ndarray) -> dict[str, np.ndarray]:
@@ -90,7 +93,7 @@ class StribeckFriction(Dry):
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         c, s, v = self.params(ctx, place)
-        return np.array([[0.7 * c.scale, 0.8 * s.scale, k * v.scale] for k in (0.4, 1.2, 4.0)])
+        return np.array([[0.7 * c.scale, 0.8 * s.scale, k * v.scale] for k in FALLS_BY])
 
     def containing(self, ctx: Context, place: Place, plainer: str, theta: np.ndarray) -> np.ndarray:
         if plainer != "coulomb_friction":
@@ -103,13 +106,19 @@ class StribeckFriction(Dry):
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
-        ratio = s.v[..., ctx.dof(place)] / theta[..., 2]
-        return Forces(dry=theta[..., 0] + theta[..., 1] * xp.exp(-xp.minimum(ratio**2, 50.0))), memory
+        left = not_yet_fallen(xp, s.v[..., ctx.dof(place)], theta[..., 2])
+        return Forces(dry=theta[..., 0] + theta[..., 1] * left), memory
+
+
+def not_yet_fallen(xp: Any, speed: Array, velocity: Array) -> Array:
+    """Share [...] of what dry friction is more at rest that is left at a speed (Stribeck)."""
+    return xp.exp(-xp.minimum((speed / velocity) ** 2, 50.0))
 
 
 @register
 class LoadDependentFriction(Dry):
     id, tier, runtime, order = "load_dependent_friction", 2, True, 7
+    closer = (FALLING, ELASTIC)
     equation = "-(Fc + Kl |load|) sgn v, load = actuator force times gear"
     says = "The {at} has dry friction of {coulomb} plus {load_coefficient} times the torque that its drive gives."
     confused_with = ("coulomb_friction", "stribeck_friction", "actuator_gain")

@@ -14,3 +14,9 @@ def damping_param(ctx: Context, place: Place, name: str = "coefficient") -> Para
     dof = ctx.dof(place)
     scale = 0.1 * float(ctx.torque[dof]) / max(float(ctx.speed[dof]), 1e-3)
     return Param(name, joint_unit(ctx, place, "N m s/rad", "N s/m"), 0.0, 500 * scale, scale)
+
+
+def falling_param(ctx: Context, place: Place) -> Param:
+    """The speed by which friction has fallen to what it is while sliding."""
+    v = max(float(ctx.speed[ctx.dof(place)]), 1e-3)
+    return Param("velocity", joint_unit(ctx, place, "rad/s", "m/s"), 0.005 * v, 3 * v, 0.1 * v)

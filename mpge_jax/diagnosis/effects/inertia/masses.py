@@ -33,7 +33,7 @@ class _Inertial(Effect):
 
 @register
 class PayloadMass(_Inertial):
-    id, kinds, closer = "payload_mass", ("body",), EXTENDED
+    id, kinds, closer = "payload_mass", ("body",), (EXTENDED,)
     equation = "a point mass at a position in the body's frame"
     says = "{at} carries {mass} more than the model says, at {position} in its own frame."
     fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
