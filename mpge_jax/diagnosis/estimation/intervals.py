@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from mpge_jax.diagnosis.effects.base import Effect
 from mpge_jax.diagnosis.effects.context import Context, default_places
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.covariance import WITHIN
@@ -60,9 +59,9 @@ def parameters(ctx: Context, f: Fitted, term: Term) -> dict[str, Any]:
                     gj = (np.asarray(b[k]) - np.asarray(value[k])) / hj
                     spread[k] = spread[k] + gi * gj * ci
     units = effect.units(ctx, place)
-    # of what is fitted, not of what is reported in its place
-    as_fitted = type(effect).report is Effect.report
-    limits = {p.name: (p.low, p.high) for p in effect.params(ctx, place)} if as_fitted else {}
+    # of what is reported as it is fitted, not of what is told in its place
+    fitted = zip(effect.params(ctx, place), theta, strict=True)
+    limits = {p.name: (p.low, p.high) for p, x in fitted if np.array_equal(value.get(p.name), x)}
     out = {}
     for k, v in value.items():
         half = WITHIN * np.sqrt(np.maximum(spread[k], 0.0))

@@ -19,8 +19,10 @@ def quantity(entry: dict[str, Any]) -> str:
     width = np.nan_to_num(high - low)
     values = np.atleast_1d(value).astype(float)
     shown_at_all = width <= UNKNOWN * np.nanmax(np.abs(values), initial=0.0)
-    # a component far below the largest, or below a hundredth of its interval, is nothing
-    least = np.maximum(0.01 * width, 1e-4 * np.nanmax(np.abs(values), initial=0.0) * (values.size > 1))
+    # a component far below the largest, or below a hundredth of an interval that holds zero, is nothing
+    least = np.maximum(
+        0.01 * width * (low * high <= 0), 1e-4 * np.nanmax(np.abs(values), initial=0.0) * (values.size > 1)
+    )
     values = np.where(np.abs(values) < least, 0.0, values)
     shown = [digits(v, w) for v, w in zip(values, width, strict=True)]
     if values.size > 1:

@@ -119,6 +119,26 @@ def test_limits_of_what_is_fitted_are_none_of_what_is_reported(effect, theta):
         assert entry["low"] <= entry["value"] <= entry["high"]
 
 
+@pytest.mark.parametrize(
+    ("effect", "theta", "at_zero"),
+    [
+        ("stribeck_friction", [0.02, 0.03, 0.3], ["coulomb"]),
+        ("load_dependent_friction:falling", [0.0, 0.02, 0.3, 0.3], ["coulomb", "load_coefficient"]),
+    ],
+)
+def test_limits_hold_of_what_is_reported_as_it_is_fitted(effect, theta, at_zero):
+    """Friction and speeds are no less than nothing, though a law reports others of its parameters otherwise."""
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+    term = Term(effect, REGISTRY[effect].places(ctx)[0])
+    f = Fitted(Hypothesis.of(term), np.array(theta), np.array(theta), cov=np.eye(len(theta)))
+    reported = parameters(ctx, f, term)
+    assert all(reported[name]["low"] == 0.0 < reported[name]["high"] for name in at_zero)
+    assert 0.0 < reported["velocity"]["low"] < 0.3
+    # and are not called nothing where the interval holds no zero
+    assert quantity(reported["velocity"]) == "0.30 rad/s"
+    assert quantity({"value": 0.005, "low": 0.005, "high": 0.52, "unit": "rad/s"}) == "0.0050 rad/s"
+
+
 def test_errors_of_drives_are_in_the_report_with_escaped_names():
     d = SimpleNamespace(actuators=SimpleNamespace(errors={"<b>": (0.25, 0.0125)}))
     text = _drives(d)
