@@ -61,7 +61,7 @@ def parameters(ctx: Context, f: Fitted, term: Term) -> dict[str, Any]:
     units = effect.units(ctx, place)
     # of what is reported as it is fitted, not of what is told in its place
     fitted = zip(effect.params(ctx, place), theta, strict=True)
-    limits = {p.name: (p.low, p.high) for p, x in fitted if np.array_equal(value.get(p.name), x)}
+    limits = {p.name: (p.low, p.high) for p, x in fitted if np.array_equal(value.get(p.name, np.nan), x)}
     out = {}
     for k, v in value.items():
         half = WITHIN * np.sqrt(np.maximum(spread[k], 0.0))
