@@ -82,7 +82,6 @@ class HardeningSpring(Closer):
     ending = HARDENING
     adds = "; to that come {cubic} times the cube of its deflection."
     runtime = True
-    fields = JointStiffness.fields
     equation = "-k (q - q0) - c (q - q0)^3"
 
     def own(self, ctx: Context, place: Place) -> tuple[Param, ...]:
@@ -94,9 +93,6 @@ class HardeningSpring(Closer):
     def starts_from(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         _, travel = _sizes(ctx, place)
         return np.array([[*theta, k * theta[0] / travel**2] for k in BENDING])
-
-    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        self.plain.model(f, ctx, place, theta[..., :-1])
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any

@@ -9,6 +9,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
+from mpge_jax.diagnosis.effects.step import Array, Fields
 
 
 class Closer(Effect):
@@ -36,6 +37,7 @@ class Closer(Effect):
             plain.order,
         )
         self.external, self.confused_with, self.remedy = plain.external, plain.confused_with, plain.remedy
+        self.fields = plain.fields
         self.says = plain.says.removesuffix(".") + self.adds
 
     def fits(self, ctx: Context, place: Place) -> bool:
@@ -58,6 +60,9 @@ class Closer(Effect):
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         return np.concatenate([self.starts_from(ctx, place, x) for x in self.plain.starts(ctx, place)])
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        self.plain.model(f, ctx, place, theta[..., : -self.further])
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return self.plain.naming(ctx, place)

@@ -9,7 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.actuator import SOFT, in_place, replaceable
 from mpge_jax.diagnosis.effects.closer import Closer, closer_form
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
-from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
+from mpge_jax.diagnosis.effects.step import Array, Forces, Step
 
 HARD = 0.02
 """Softness below which a knee is as good as sharp."""
@@ -28,7 +28,7 @@ class SoftLimit(Closer):
 
     def __init__(self, plain: Any) -> None:
         super().__init__(plain)
-        self.fields, self.side = plain.fields, plain.side
+        self.side = plain.side
 
     def fits(self, ctx: Context, place: Place) -> bool:
         return replaceable(ctx, place)
@@ -38,9 +38,6 @@ class SoftLimit(Closer):
 
     def starts_from(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         return np.array([[*theta, softness] for softness in KNEES])
-
-    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        self.plain.model(f, ctx, place, theta[..., :-1])
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any

@@ -119,12 +119,12 @@ def _step(p: Problem, weight: Array, damping: float, residuals: Array | None = N
             -np.linalg.lstsq(a * scale[:, None] * scale[None, :], down * scale, rcond=1e-12)[0] * scale
         )
         there = p.fit.theta + step
-        beyond = free & ((there < low) | (there > high))
-        if not beyond.any():
+        outside = free & ((there < low) | (there > high))
+        if not outside.any():
             break
         # the others go where they are best with these at their bounds
-        step = np.where(beyond, np.clip(there, low, high) - p.fit.theta, step)
-        free &= ~beyond
+        step = np.where(outside, np.clip(there, low, high) - p.fit.theta, step)
+        free &= ~outside
     return np.clip(p.fit.theta + step, low, high)
 
 

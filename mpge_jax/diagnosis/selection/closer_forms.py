@@ -103,8 +103,7 @@ def _with_closer(s: Search, f: Fitted, forms: dict[Term, Term]) -> list[Fitted]:
     ctx = s.sim.ctx
     parts, starts = f.hypothesis.split(ctx, f.theta), {}
     for t, x in forms.items():
-        plain = parts[t][: len(REGISTRY[t.plain].params(ctx, t.place))]
-        starts[t] = x, _closer(x).starts_from(ctx, t.place, plain)
+        starts[t] = x, _closer(x).starts_from(ctx, t.place, _of_plain(ctx, t, parts[t]))
         starts |= {other: (other, other.effect.null(ctx, other.place)[None]) for other in _beside(s, f, x)}
     return [
         _exchanged(ctx, f, {t: (form, each[min(k, len(each) - 1)]) for t, (form, each) in starts.items()})
@@ -115,8 +114,13 @@ def _with_closer(s: Search, f: Fitted, forms: dict[Term, Term]) -> list[Fitted]:
 def with_plain(ctx: Context, f: Fitted, terms: list[Term]) -> Fitted:
     """`f` with the plain forms of some of its closer ones."""
     parts = f.hypothesis.split(ctx, f.theta)
-    plain = {t: (Term(t.plain, t.place), parts[t][: -_closer(t).further]) for t in terms}
+    plain = {t: (Term(t.plain, t.place), _of_plain(ctx, t, parts[t])) for t in terms}
     return _exchanged(ctx, f, plain)
+
+
+def _of_plain(ctx: Context, term: Term, theta: np.ndarray) -> np.ndarray:
+    """The parameters of the plain form in those of a term."""
+    return theta[: len(REGISTRY[term.plain].params(ctx, term.place))]
 
 
 def _exchanged(ctx: Context, f: Fitted, others: dict[Term, tuple[Term, np.ndarray]]) -> Fitted:

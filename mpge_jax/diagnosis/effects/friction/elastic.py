@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.effects.base import Effect
 from mpge_jax.diagnosis.effects.closer import Closer, closer_form
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.friction.dry import ELASTIC
-from mpge_jax.diagnosis.effects.step import Array, Forces, Step
+from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 
 DAMPED = 0.3
 """Damping of the bristles to start from, in units of what is critical for the joint's inertia on their spring."""
@@ -38,6 +38,10 @@ class Elastic(Closer):
     def __init__(self, plain: Effect) -> None:
         super().__init__(plain)
         self.equation = f"s z, dz/dt = v - s |v| z / F, where F is the size of {plain.equation}"
+        self.fields = ()
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
+        """Its bristles are all that rubs."""
 
     def own(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         scale = 1e-3 * _travel(ctx, place) / self.plain.params(ctx, place)[0].scale

@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.effects.closer import Closer, closer_form
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 from mpge_jax.diagnosis.effects.friction.dry import FALLING, FALLS_BY, not_yet_fallen
 from mpge_jax.diagnosis.effects.friction.scales import falling_param
-from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
+from mpge_jax.diagnosis.effects.step import Array, Forces, Step
 
 RISE, SLIDING = 0.3, 0.9
 """What is started from: how much more it is at rest, and the plain law's parameters of which share."""
@@ -33,7 +33,6 @@ class Falling(Closer):
     def __init__(self, plain: Effect) -> None:
         super().__init__(plain)
         self.equation = f"F (1 + r exp(-(v/vs)^2)), where F is {plain.equation}"
-        self.fields = plain.fields
 
     def own(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return Param("rise", "1", 0.0, 3.0, 0.1), falling_param(ctx, place)
@@ -51,9 +50,6 @@ class Falling(Closer):
     def own_units(self, ctx: Context, place: Place) -> dict[str, str]:
         rise, velocity = (p.unit for p in self.own(ctx, place))
         return {"static_ratio": rise, "velocity": velocity}
-
-    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        self.plain.model(f, ctx, place, theta[..., : -self.further])
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any

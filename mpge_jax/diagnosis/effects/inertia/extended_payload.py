@@ -20,7 +20,7 @@ class ExtendedPayload(Closer):
 
     ending = EXTENDED
     adds = ", spread over a radius of gyration of {gyration_radius}."
-    fields, set_const = PayloadMass.fields, True
+    set_const = True
     equation = "a mass at a position in the body's frame, with its own inertia m r^2 about every axis"
 
     def __init__(self, plain: Effect) -> None:
@@ -37,6 +37,6 @@ class ExtendedPayload(Closer):
         return np.array([[*theta, k * size] for k in SPREAD])
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        self.plain.model(f, ctx, place, theta[..., :-1])
+        super().model(f, ctx, place, theta)
         own = theta[..., 0] * theta[..., -1] ** 2
         f.add("body_inertia", (place.index,), f.xp.stack([own] * 3, -1))

@@ -10,7 +10,8 @@ from mpge_jax.diagnosis.effects.candidates import all_terms, compatible
 from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.machine.model import compile_variable
-from mpge_jax.diagnosis.simulation.single_step import Machine, force_start, force_step, observe
+from mpge_jax.diagnosis.simulation.single_step import Machine, force_start, force_step
+from tests.diagnosis.effects.friction.steps import at_speed
 from tests.diagnosis.machines import PENDULUM
 
 ID = "coulomb_friction:elastic"
@@ -27,20 +28,9 @@ def slider(form: str, *theta: float) -> Machine:
 
 def forces(machine: Machine, v: np.ndarray, inertia: float, dt: float) -> np.ndarray:
     """Force of friction along velocities [T]."""
-    memory, zero, out = None, np.zeros(1), []
+    memory, out = None, []
     for speed in v:
-        step = observe(
-            np,
-            machine,
-            zero,
-            np.array([speed]),
-            zero,
-            lambda _: np.zeros(3),
-            zero,
-            dt,
-            zero,
-            lambda _: inertia,
-        )
+        step = at_speed(machine, speed, inertia=inertia, dt=dt)
         applied, memory = force_step(
             np, machine, step, force_start(np, machine, step) if memory is None else memory
         )

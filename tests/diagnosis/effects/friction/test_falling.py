@@ -9,7 +9,8 @@ from mpge_jax.diagnosis.effects.candidates import all_terms, compatible
 from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.machine.model import compile_variable
-from mpge_jax.diagnosis.simulation.single_step import Machine, force_step, observe
+from mpge_jax.diagnosis.simulation.single_step import Machine, force_step
+from tests.diagnosis.effects.friction.steps import at_speed
 from tests.diagnosis.machines import PENDULUM
 
 LOAD = "load_dependent_friction"
@@ -24,19 +25,7 @@ def machine(form: str, *theta: float) -> Machine:
 
 def friction(m: Machine, speed: float, command: float) -> float:
     """Level of dry friction at a speed (rad/s), under the motor's force (N m)."""
-    zero = np.zeros(1)
-    step = observe(
-        np,
-        m,
-        zero,
-        np.array([speed]),
-        np.array([command]),
-        lambda _: np.zeros(3),
-        zero,
-        1e-3,
-        zero,
-        lambda _: 1.0,
-    )
+    step = at_speed(m, speed, command)
     applied, _ = force_step(np, m, step, ((),))
     return float(applied.dry[0])
 
