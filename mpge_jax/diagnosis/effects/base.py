@@ -115,6 +115,24 @@ class Effect:
         for theta [n, p]; 0 where `memory` knows it from the start's state."""
         return np.zeros(len(theta))
 
+    def resumed(
+        self,
+        theta: np.ndarray,
+        memory: Any,
+        reached: tuple[np.ndarray, np.ndarray],
+        start: tuple[np.ndarray, np.ndarray],
+    ) -> tuple[Any, np.ndarray]:
+        """What a run-up tells of the start of a stretch, if `rugged`.
+
+        Args:
+            memory: that the run-up ends with. reached: positions [n] and speeds [n] of its joint in which it ends.
+            start: those that were estimated, from which the stretch goes on.
+
+        Returns:
+            The memory there, and the speeds [n] from which the stretch had better go on.
+        """
+        raise NotImplementedError
+
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:

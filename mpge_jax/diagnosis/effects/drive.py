@@ -222,9 +222,22 @@ class Backlash(Drive):
         """A gap alone is enough."""
         return super().from_report(ctx, place, {"restitution": BOUNCE, **values})
 
-    def fades(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
-        """Long enough to cross the gap and come to rest in it."""
-        return np.full(len(theta), 0.25)
+    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        """Nothing of the motion alone: a link that does not give way tells little of a motor that strikes it."""
+        return np.zeros(len(theta))
+
+    def resumed(
+        self, theta: Array, memory: Any, reached: tuple[Array, Array], start: tuple[Array, Array]
+    ) -> tuple[Any, Array]:
+        """A motor that touches the link goes along with it. One inside the gap does not; it struck the link a moment
+        ago or is about to, when no smoother knows the link's speed as well as the run-up does."""
+        (q, v), (q0, v0) = reached, start
+        angle, speed, change, farther, _ = memory
+        half = 0.5 * theta[:, 0]
+        touches = np.abs(angle - q) >= half
+        angle = np.where(touches, angle + q0 - q, np.clip(angle, q0 - half, q0 + half))
+        v0 = np.where(touches, v0, v)
+        return (angle, speed + v0 - v, 0.0 * change, 0.0 * farther, v0), v0
 
     def memory(self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step) -> Any:
         """The motor's angle and speed; by how much the contact was to change the link's speed in the last step, how

@@ -66,6 +66,14 @@ def _began(model: mujoco.MjModel, a: int, recording: Recording) -> float:
     return float(_integrated(model, a, _began(model, a, past), changes)[-1])
 
 
+def settled(model: mujoco.MjModel, commands: Array, act: Array) -> Array:
+    """Activations [n, na] of filters that have long held the same commands [n, nu]; those `act` [n, na] of others."""
+    out, kinds = act.copy(), model.actuator_dyntype
+    for a in np.flatnonzero((time_constants(model) > 0) & (kinds != mujoco.mjtDyn.mjDYN_MUSCLE)):
+        out[:, int(model.actuator_actadr[a])] = commands[:, a]
+    return out
+
+
 def shifted(model: mujoco.MjModel, a: int, changes: Array, dt: float) -> Array:
     """By how much [n, na] the activation of a filter `a` differs after its last commands differed by `changes` [n, H],
     in steps of `dt`. A muscle's, which is not linear, is left alone."""

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
+import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.machine.joint_space import integrate
+from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import States
 
@@ -107,6 +111,17 @@ class Source:
             value -= 0.5 * h * self.ramp[i, a] * s * (1 - s)
             value += h**3 / 12 * self.bend[i, a] * s * (1 - s) * (1 - 2 * s)
         return value
+
+    def motion_at(self, model: mujoco.MjModel, times: Array) -> tuple[Array, Array]:
+        """Smoothed positions [L, nq] and velocities [L, nv] of the whole machine at times [L]."""
+        i, s = _within(self.recording.time, times)
+        since = (times - self.recording.time[i])[:, None]
+        v = self.states.qvel[i] + s[:, None] * (self.states.qvel[i + 1] - self.states.qvel[i])
+        q = integrate(model, self.states.qpos[i], 0.5 * since * (self.states.qvel[i] + v))
+        for j in filter(partial(is_scalar, model), range(model.njnt)):
+            qadr, dof = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+            q[:, qadr], v[:, dof] = self.state_at(times, qadr, dof)
+        return q, v
 
     def state_at(self, times: Array, qadr: int, dof: int) -> tuple[Array, Array]:
         """Smoothed position and velocity of one scalar joint at any times (cubic Hermite)."""

@@ -26,6 +26,10 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 Array = np.ndarray
 
 
+DIVERGED = 1e5
+"""Speed (rad/s or m/s) from which a simulation is given up."""
+
+
 @dataclass
 class Group:
     """Simulations on which one runtime effect acts."""
@@ -147,19 +151,31 @@ class Runtime:
             window: [n] of each simulation. moved: [n, nv] change of the start's velocity. commanded: gives the commands
                 [n, nu] of a step, negative before the start.
         """
-        if self.bodies or self.loaded or self.factor is not None or self.last_force is not None:
-            self.batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_ACC))
+        self.recall()
         s = self._step()
         for g in self.groups:
-            part = _rows(s, g.rows)
-            g.memory = g.term.effect.memory(np, self.ctx, g.term.place, g.theta, part)
-            if g.term.place.kind == "actuator":
-                forces, _ = g.term.effect.force(np, self.ctx, g.term.place, g.theta, part, g.memory)
-                self._pass_on(s, g, g.rows, forces)
             seconds = g.term.effect.remembers(self.ctx, g.term.place, g.theta)
             steps = np.minimum(np.ceil(seconds / w.dt), w.history).astype(int)
             if steps.any():
+                part = _rows(s, g.rows)
                 g.memory = self._followed(g, steps, w, window[g.rows], moved[g.rows], commanded, part)
+
+    def refresh(self) -> None:
+        """Let what equations read of the engine follow from the present states."""
+        if self.bodies or self.loaded or self.factor is not None or self.last_force is not None:
+            self.batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_ACC))
+
+    def recall(self, some: Array | None = None) -> None:
+        """Memories as the present states alone tell them, of `some` [n] simulations (all, by default)."""
+        self.refresh()
+        s = self._step()
+        for g in self.groups:
+            part, effect = _rows(s, g.rows), g.term.effect
+            memory = effect.memory(np, self.ctx, g.term.place, g.theta, part)
+            g.memory = memory if some is None else either(some[g.rows], memory, g.memory)
+            if g.term.place.kind == "actuator":
+                forces, _ = effect.force(np, self.ctx, g.term.place, g.theta, part, memory)
+                self._pass_on(s, g, g.rows, forces)
 
     def _followed(
         self,
@@ -175,7 +191,7 @@ class Runtime:
         Where a start is moved, the motion before it is moved along."""
         effect, place, each = g.term.effect, g.term.place, np.arange(window.size)
         qadr, dof, count = self.ctx.qadr(place), self.ctx.dof(place), int(steps.max())
-        past_q, past_v, ago = (x[window, -count:] for x in w.before(qadr, dof))
+        past_q, past_v, ago = (x[window, -count:] for x in w.before(self.model))
         aside, moved_v = now.q[:, qadr] - w.q0[window, qadr], moved[:, dof]
         before = [
             (other, *np.intersect1d(g.rows, other.rows, return_indices=True)[1:])
@@ -185,8 +201,8 @@ class Runtime:
         q, v, memory, followed = now.q.copy(), now.v.copy(), g.memory, np.zeros(window.size, bool)
         for k in range(count):
             at = np.maximum(k, count - np.maximum(steps, 1))
-            q[:, qadr] = past_q[each, at] + aside - moved_v * ago[each, at]
-            v[:, dof] = past_v[each, at] + moved_v
+            q[:, qadr] = past_q[each, at, qadr] + aside - moved_v * ago[each, at]
+            v[:, dof] = past_v[each, at, dof] + moved_v
             s = self._observe(q, v, commanded(k - count)[g.rows], g.rows)
             for other, mine, theirs in before:
                 part, drive, at_drive = (
@@ -199,10 +215,10 @@ class Runtime:
                 self._pass_on(s, other, mine, forces)
             known = (k >= count - steps) & (ago[each, at] > w.dt * (count - k) - 1e-9)
             if not followed.all():
-                memory = _either(followed, memory, effect.memory(np, self.ctx, place, g.theta, s))
+                memory = either(followed, memory, effect.memory(np, self.ctx, place, g.theta, s))
             _, after = effect.force(np, self.ctx, place, g.theta, s, memory)
-            memory, followed = _either(known, after, memory), followed | known
-        return _either(followed, memory, g.memory)
+            memory, followed = either(known, after, memory), followed | known
+        return either(followed, memory, g.memory)
 
     def _pass_on(self, s: Step, g: Group, rows: Array, forces: Forces) -> None:
         """Let effects further down the drive train see what one does to the force of its actuator; as `Step.after`, in
@@ -247,7 +263,7 @@ class Runtime:
             np.maximum(self.dry, 0.0, out=self.dry)
 
 
-def _either(choice: Array, a: Any, b: Any) -> Any:
+def either(choice: Array, a: Any, b: Any) -> Any:
     """Memory `a` of the simulations where `choice` [n] holds, and `b` of the others."""
     return tuple(np.where(choice, x, y) for x, y in zip(a, b, strict=True))
 

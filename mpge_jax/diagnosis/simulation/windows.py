@@ -153,21 +153,22 @@ class Windows:
         w = replace(self, sources=sources)
         return replace(w, command=w._commands(self.dt * np.arange(-self.history, self.steps + 1)))
 
-    def before(self, qadr: int, dof: int) -> tuple[Array, Array, Array]:
-        """How one scalar joint came to the starts.
+    def before(self, model: mujoco.MjModel) -> tuple[Array, Array, Array]:
+        """How the machine came to the starts.
 
         Returns:
-            Its estimated position and velocity [W, H] at the steps before each start, and how long (s) ago that was
-            [W, H]: what lies before the recording, or before a gap in it, is as at the first row after that.
+            Its estimated positions [W, H, nq] and velocities [W, H, nv] at the steps before each start, and how long
+            (s) ago that was [W, H]: what lies before the recording, or before a gap in it, is as at the first row
+            after that.
         """
         times = self.start[:, None] + self.dt * np.arange(-self.history, 0)
-        q, v = np.empty(times.shape), np.empty(times.shape)
+        q, v = np.empty((*times.shape, model.nq)), np.empty((*times.shape, model.nv))
         for k, source in enumerate(self.source):
             r = self.sources[source].recording
             after_gaps = r.time[1:][np.diff(r.time) > longest_step(r)]
             begins = np.append(r.time[0], after_gaps[after_gaps <= self.start[k] + 1e-9])
             times[k] = np.maximum(times[k], begins[-1])
-            q[k], v[k] = self.sources[source].state_at(times[k], qadr, dof)
+            q[k], v[k] = self.sources[source].motion_at(model, times[k])
         return q, v, self.start[:, None] - times
 
     def _commands(self, grid: Array) -> Array:

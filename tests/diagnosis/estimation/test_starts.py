@@ -113,7 +113,7 @@ def test_a_gap_ends_what_is_followed(elastic):
     states = States(s.qpos[kept], s.qvel[kept], s.qacc[kept], s.cov[kept])
     w = cut((Source.build(recording, states, source.command[kept]),), elastic.sim.model, elastic.noise,
             0.25, 99, 0.002, np.random.default_rng(0))  # fmt: skip
-    _, _, ago = w.before(0, 0)
+    _, _, ago = w.before(elastic.sim.model)
     after = w.start > 0.69
     assert after.any() and (ago[after].max(1) == pytest.approx(w.start[after] - 0.7))
     assert ago[~after].max() <= 0.4
@@ -121,10 +121,10 @@ def test_a_gap_ends_what_is_followed(elastic):
 
 def test_motion_before_a_window_ends_where_the_window_starts(elastic):
     w = elastic.train
-    q, v, ago = w.before(0, 0)
-    assert q.shape == v.shape == ago.shape == (w.count, w.history)
+    q, v, ago = w.before(elastic.sim.model)
+    assert q.shape == v.shape == (*ago.shape, 1) and ago.shape == (w.count, w.history)
     # a step before the start, and only what was recorded
-    np.testing.assert_allclose(q[:, -1] + w.dt * v[:, -1], w.q0[:, 0], atol=2e-3)
+    np.testing.assert_allclose(q[:, -1] + w.dt * v[:, -1], w.q0, atol=2e-3)
     first = np.array([w.sources[s].recording.time[0] for s in w.source])
     np.testing.assert_allclose(ago.max(1), np.minimum(w.start - first, w.history * w.dt), atol=1e-9)
     early = int(np.argmin(w.start - first))
@@ -277,23 +277,6 @@ def test_where_things_touch_chance_is_judged_by_simulation(elastic):
     assert s.floor is not None
     floor = s.floor(NOTHING)
     assert floor.losses.size and 0.3 < floor.loss < 3.0
-
-
-def test_a_gap_is_crossed_before_a_window_starts(elastic):
-    """A motor that was pushed to the other side of its gap starts there."""
-    ctx, w = elastic.sim.ctx, elastic.train
-    backlash = REGISTRY["backlash"]
-    np.testing.assert_array_equal(backlash.remembers(ctx, HINGE, np.array([[0.05, 0.2], [0.1, 0.2]])), 0.25)
-    h, theta = Hypothesis.of(Term("backlash", HINGE)), np.array([0.05, 0.2])
-    followed = elastic.sim.residuals([Run(h, theta)], w)[0]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(type(backlash), "fades", lambda _self, _ctx, _place, theta: np.zeros(len(theta)))
-        patch.setattr(elastic.sim, "known", Remembered())
-        static = elastic.sim.residuals([Run(h, theta)], w)[0]
-    change = np.nanmax(np.abs(followed - static)[..., 0], axis=1)
-    # nothing came before a recording's first row
-    first = np.array([w.sources[s].recording.time[0] for s in w.source])
-    assert (change[w.start == first] == 0.0).all() and change.max() > 1e-3
 
 
 def test_a_law_of_friction_is_no_worse_in_screening_than_a_plain_one_that_it_contains():
