@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.estimation.told_starts import left_open, told
 from mpge_jax.diagnosis.estimation.whitening import column_scale, numerics, start_runs
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
-from mpge_jax.diagnosis.simulation.near import changes
+from mpge_jax.diagnosis.simulation.cheaper_steps import changes
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray

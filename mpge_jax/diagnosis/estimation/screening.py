@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, slopes_of
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, promise, proposals
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
-from mpge_jax.diagnosis.simulation.near import Near
+from mpge_jax.diagnosis.simulation.cheaper_steps import Near
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray

@@ -14,7 +14,7 @@ import numpy as np
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.whitening import KAPPA, start_runs
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
-from mpge_jax.diagnosis.simulation.near import changes
+from mpge_jax.diagnosis.simulation.cheaper_steps import changes
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray

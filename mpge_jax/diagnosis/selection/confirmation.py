@@ -19,9 +19,11 @@ from mpge_jax.diagnosis.evidence.held_out_error import (
     fit_report,
     judged,
     left_out,
+    report_on,
 )
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
 from mpge_jax.diagnosis.evidence.null_distribution import force_noise
+from mpge_jax.diagnosis.evidence.numerics_seen import in_steps_as_seen
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -39,30 +41,31 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
     """The fit without the effects that one part's recordings speak against or do not need; with its errors there, and
     those effects, of which warnings tell."""
     f, adding = _without_what_adds(p, s, f, part)
-    f, report, needless = _needed(p, s, f, part)
+    f, needless = _needed(p, s, f, part)
     while needless:
         # what is left is another fit, and may add now
         f, more = _without_what_adds(p, s, f, part)
         if not more:
             break
-        f, report, gone = _needed(p, s, f, part)
+        f, gone = _needed(p, s, f, part)
         adding, needless = adding + more, needless | gone
     p.warnings += left_out(adding, ADDS)
     for why in dict.fromkeys(needless.values()):
         p.warnings += left_out([t for t, its in needless.items() if its == why], why)
-    return f, report, [*adding, *needless]
+    return f, fit_report(p, f, part), [*adding, *needless]
 
 
-def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, FitReport, dict[Term, str]]:
+def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict[Term, str]]:
     """The fit without the effects that do not make one part's recordings better predicted, over windows of the reported
-    length, beyond doubt; with its errors there, and those effects with why they went.
+    length, beyond doubt; and those effects with why they went.
 
     One is taken away at a time, as others may stand in for it, and the others are fitted again. All that went together
     must not be missed either, nor may what is left predict no better than the model as given where more did: what each
     of many explains may be too slight to be sure of, and its sum is not. What never predicts better goes as a whole.
     """
     gone: dict[Term, str] = {}
-    report = fit_report(p, f, part)
+    w = in_steps_as_seen(p, f, judged(p, part), s.train)
+    report = report_on(w, p, f)
     best = report.after
     while f.hypothesis.terms:
         without = errors_without(p, f, report)
@@ -71,16 +74,15 @@ def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, FitR
         if beyond_doubt(sure[weakest]):
             break
         fewer = refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
-        its = fit_report(p, fewer, part)
+        its = report_on(w, p, fewer)
         if beyond_doubt(_evidence(its.after, best, report.floors)) or (_helps(report) and not _helps(its)):
             break
         idle = np.allclose(without[weakest].window, report.after.window)
         gone[weakest] = NOT_SHOWN if idle else BY_CHANCE
         f, report, best = fewer, its, min(best, its.after, key=lambda e: e.rms)
     if f.hypothesis.terms and not _helps(report):
-        gone |= dict.fromkeys(f.hypothesis.terms, BY_CHANCE)
-        f, report = NOTHING, fit_report(p, NOTHING, part)
-    return f, report, gone
+        f, gone = NOTHING, gone | dict.fromkeys(f.hypothesis.terms, BY_CHANCE)
+    return f, gone
 
 
 def _without_what_adds(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, list[Term]]:
@@ -112,9 +114,13 @@ def _adds(p: Prepared, f: Fitted, term: Term, w: Windows, here: tuple[Array, Arr
     return float(more.mean(0).max())
 
 
-def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
-    """Whether recordings that only choose are predicted better, over windows of the reported length, beyond doubt."""
-    w = judged(p, "choice")
+def predicts_better(p: Prepared, s: Search, new: Fitted, old: Fitted) -> bool:
+    """Whether recordings that only choose are predicted better, over windows of the reported length, beyond doubt.
+
+    Args:
+        s: a search whose training windows show in which steps the machine moves.
+    """
+    w = in_steps_as_seen(p, new, judged(p, "choice"), s.train)
     before, after = (errors(p.sim, f, w, p.noise) for f in (old, new))
     floors = np.sqrt(noise_floor(p.sim, new, w, p.noise, force_noise(p)))
     return beyond_doubt(_evidence(before, after, floors))

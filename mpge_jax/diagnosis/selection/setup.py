@@ -17,8 +17,8 @@ from mpge_jax.diagnosis.evidence.null_distribution import floor, force_noise
 from mpge_jax.diagnosis.recordings.three_parts import PARTS
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.cheaper_steps import stride
 from mpge_jax.diagnosis.simulation.informative_windows import telling_windows
-from mpge_jax.diagnosis.simulation.larger_steps import stride
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 POOL = 3

@@ -20,6 +20,7 @@ from mpge_jax.diagnosis.machine.joint_space import difference, integrate
 from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.simulation.actuator_state import shifted
 from mpge_jax.diagnosis.simulation.drive_signal import hermite
+from mpge_jax.diagnosis.simulation.guided import Guide
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.run_up import run_up
 from mpge_jax.diagnosis.simulation.runtime_effects import DIVERGED, Group, Runtime
@@ -93,8 +94,8 @@ class Simulator:
     Attributes:
         threads: of the engine. work: steps that were asked for, by cost: nv^1.5 each, four times that with
         Runge-Kutta. stride: steps that are simulated as one where what a change does is asked for
-        (`larger_steps.stride`). known: what was simulated, which is not done twice. always: terms with their flat
-        parameters that act in every run.
+        (`cheaper_steps.stride`). known: what was simulated, which is not done twice. always: terms with their flat
+        parameters that act in every run. guided: degrees of freedom that move as recorded.
     """
 
     model: mujoco.MjModel
@@ -104,6 +105,7 @@ class Simulator:
     stride: int = 1
     known: Remembered = field(default_factory=Remembered)
     always: tuple[Hypothesis, Array] = (Hypothesis(), np.zeros(0))
+    guided: tuple[int, ...] = ()
     _larger: tuple[Windows, int, Windows] | None = None
 
     def __post_init__(self) -> None:
@@ -113,6 +115,10 @@ class Simulator:
     def beside(self, hypothesis: Hypothesis, theta: Array) -> Simulator:
         """The same machine with these terms in every run."""
         return replace(self, always=(hypothesis, theta), known=Remembered(), _larger=None)
+
+    def guiding(self, *dofs: int) -> Simulator:
+        """The same machine where hinges and slides move as recorded."""
+        return replace(self, guided=dofs, known=Remembered(), _larger=None)
 
     def costly(self, w: Windows) -> bool:
         """Whether there are so many steps that cheaper ones show what a change does nearly as well."""
@@ -287,6 +293,9 @@ class Simulator:
         runtime = [g for g in groups if g.term.effect.runtime]
         engine = Runtime(self.model, self.ctx, batch, runtime, push, w.dt) if runtime or push.any() else None
         q_all, v_all = np.empty((steps + 1, n, m.nq)), np.empty((steps + 1, n, m.nv))
+        guide = Guide(m, batch, w, window, self.guided) if self.guided else None
+        if guide is not None:
+            guide.place(0)
         if engine is not None:
             if ctrl is not None:
                 ctrl[:] = commanded(0)
@@ -298,7 +307,13 @@ class Simulator:
                 ctrl[:] = commanded(k)
             if engine is not None:
                 engine.apply()
+            elif guide is not None:
+                batch.bind("qfrc_applied")[:] = 0.0
+            if guide is not None:
+                guide.push(k)
             batch.step()
+            if guide is not None:
+                guide.place(k + 1)
             wild = ~(np.abs(qvel).max(1) < DIVERGED)
             if wild.any():
                 qvel[wild] = 0.0

@@ -19,6 +19,8 @@ from mpge_jax.diagnosis.simulation.runtime_effects import DIVERGED, Runtime, eit
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
+SECONDS = 0.4
+"""Length of a run-up: a motor that strikes both ends of its gap has forgotten by then where it began."""
 DRAWN = 0.03
 """Seconds in which the machine is drawn to its recorded motion: longer than a motor and a link take to strike each
 other and part, shorter than what the model lacks takes to lead it astray."""
@@ -43,8 +45,9 @@ def run_up(
     """
     if not any(g.term.effect.rugged for g in runtime.groups):
         return
-    past_q, past_v, ago = w.before(model)
-    rows = (ago > w.dt * np.arange(w.history, 0, -1) - 1e-9).sum(1)[window]
+    longest = min(int(np.ceil(SECONDS / w.dt)), w.history)
+    past_q, past_v, ago = (x[:, -longest:] for x in w.before(model))
+    rows = (ago > w.dt * np.arange(longest, 0, -1) - 1e-9).sum(1)[window]
     if not rows.any():
         return
     qpos, qvel, guess = (batch.bind(k) for k in ("qpos", "qvel", "qacc_warmstart"))

@@ -2,7 +2,7 @@
 
 Where one force has no name, effects that are like it a little are found in its place, or what has a name is hidden by
 it. A function of what goes on at the place, or of another joint's motion, may stand for it: then effects are searched
-for beside it.
+for beside it. Else they are searched for at the other joints while its own moves as recorded.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from mpge_jax.diagnosis.selection.procedure import Decision, decide, tested, wha
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, REMAINS
+from mpge_jax.diagnosis.verdict.elsewhere import elsewhere
 from mpge_jax.diagnosis.verdict.remainder_description import describe
 
 LIKE = "it is only like what acts: without it, a force that nobody named predicts recordings far better"
@@ -28,41 +29,52 @@ LIKE = "it is only like what acts: without it, a force that nobody named predict
 def beside_unknown(
     p: Prepared, s: Search, found: Decision, held: FitReport, say: Callable[[str], None]
 ) -> tuple[Decision, FitReport]:
-    """What was found, with its errors on test recordings; where something is left and a function explains far more than
-    what was found does, the effects that are found beside that function instead."""
+    """What was found, with its errors on test recordings; where something is left, the effects that are found beside a
+    function or elsewhere instead, if these tell more."""
     if found.left is None:
         return found, held
-    noise, left = what_is_left(p, NOTHING, s)
+    _, left = what_is_left(p, NOTHING, s)
     if left is None:
         return found, held
-    say("asking what one unknown force explains")
     at = describe(p, left, 1.0)["at"]
+    say("asking what one unknown force explains")
+    instead = _beside_functions(p, s, found, at, say)
+    if instead is None:
+        more = [x for x in describe(p, found.left, 1.0)["at"] if x not in at]
+        instead = elsewhere(p, s, found, [*at, *more], say)
+    return (found, held) if instead is None else (instead, fit_report(p, instead.fit, "test"))
+
+
+def _beside_functions(
+    p: Prepared, s: Search, found: Decision, at: list[str], say: Callable[[str], None]
+) -> Decision | None:
+    """What is found beside a function of what goes on where something acts that has no name; None where no function
+    explains far more than what was found does."""
     functions, unknown = functions_of_motion(p, s, NOTHING, at)
     named = found.fit.hypothesis.named
     # all that has a name is given up for much more alone
     better = _far_better if named else predicts_better
-    if not functions or not better(p, unknown, found.fit):
-        return found, held
-    if named:
+    if not functions or not better(p, s, unknown, found.fit):
+        return None
+    if named and found.left is not None:
         # and such functions may act beside it as well
         more = [x for x in describe(p, found.left, 1.0)["at"] if x not in at]
         _, both = functions_of_motion(p, s, found.fit, [*at, *more])
-        if not _far_better(p, unknown, both):
-            return found, held
+        if not _far_better(p, s, unknown, both):
+            return None
     say("looking for what acts beside it")
     with_it = replace(p, sim=p.sim.beside(unknown.hypothesis, unknown.theta))
     search = build_search(with_it, say, p.config.decide_s)
     beside, _ = tested(with_it, search, decide(with_it, search, say))
     s.log += search.log
     fit = beside.fit
-    if fit.hypothesis.terms:
-        noise, left = what_is_left(p, fit, s)
+    noise, left = what_is_left(p, fit, s)
     p.warnings += left_out([t for t in named if t not in fit.hypothesis.terms], LIKE)
-    return Decision(fit, beside.rivals, noise, left, s), fit_report(p, fit, "test")
+    return Decision(fit, beside.rivals, noise, left, s)
 
 
-def _far_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
+def _far_better(p: Prepared, s: Search, new: Fitted, old: Fitted) -> bool:
     """Whether recordings that only choose are predicted better beyond doubt, and by much, where they are enough."""
     w = judged(p, "choice")
     less, more = (errors(p.sim, f, w, p.noise).rms for f in (new, old))
-    return w.count >= ENOUGH_WINDOWS and less**2 < REMAINS * more**2 and predicts_better(p, new, old)
+    return w.count >= ENOUGH_WINDOWS and less**2 < REMAINS * more**2 and predicts_better(p, s, new, old)

@@ -68,7 +68,7 @@ def left_beside(
             effects. without: the same without each. floor: what noise leaves of them. columns: the joints of which each
             of these errors tells.
     """
-    here = {j for name in at for j in _joints_at(p, name)}
+    here = {j for name in at for j in joints_at(p, name)}
 
     def share(error: Array, joints: set[int]) -> float:
         shown = np.array([bool(joints.intersection(of)) for of in columns])
@@ -85,7 +85,8 @@ def left_beside(
     }
 
 
-def _joints_at(p: Prepared, name: str) -> list[int]:
+def joints_at(p: Prepared, name: str) -> list[int]:
+    """Joints that a place of what is left stands for: a joint, an actuator, or the body of a floating base."""
     if name in p.names.joints:
         return [p.names.joints.index(name)]
     if name in p.names.actuators:

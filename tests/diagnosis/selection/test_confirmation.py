@@ -47,7 +47,7 @@ def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
         window = np.sqrt(1000.0 + np.sum([*missed, np.zeros(WINDOWS)], axis=0)) + further
         return Errors(float(np.sqrt((window**2).mean())), np.zeros(1), window, np.zeros((WINDOWS, 1, 1)))
 
-    def report(p, f, part):
+    def report(f):
         before = errors_of(NOTHING.hypothesis, far * (1.0 + np.arange(WINDOWS) / WINDOWS))
         return FitReport(None, before, errors_of(f.hypothesis), np.zeros(WINDOWS), 0.0)
 
@@ -55,7 +55,8 @@ def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
         fewer = {t: f.hypothesis.without(t) for t in f.hypothesis.terms}
         return {t: errors_of(h, 0.0) if h.terms else report.before for t, h in fewer.items()}
 
-    monkeypatch.setattr(confirmation, "fit_report", report)
+    monkeypatch.setattr(confirmation, "fit_report", lambda p, f, part: report(f))
+    monkeypatch.setattr(confirmation, "report_on", lambda w, p, f: report(f))
     monkeypatch.setattr(confirmation, "errors_without", without)
     monkeypatch.setattr(confirmation, "refitted", lambda s, f: f)
     monkeypatch.setattr(confirmation, "_adds", lambda p, f, term, w, here: 0.0)

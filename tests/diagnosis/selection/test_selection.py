@@ -14,6 +14,7 @@ from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, STEP, numerics, robust_loss, whitener
+from mpge_jax.diagnosis.evidence.numerics_seen import in_steps_as_seen, numerics_seen
 from mpge_jax.diagnosis.selection.alternatives import find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.competition import at_noise
@@ -24,7 +25,6 @@ from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.informative_windows import SCREEN_WINDOWS, screen_windows
 from mpge_jax.diagnosis.thresholds import AT_NOISE, LOUD
-from mpge_jax.diagnosis.verdict.judgement import numerics_seen
 from tests.diagnosis.machines import ARM, PENDULUM, SERVO, record
 from tests.diagnosis.searches import prepared_of
 
@@ -210,3 +210,5 @@ def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
     assert not any("another moment" in x for x in told)
     # halving the timestep is two thirds of the way to a quarter
     assert not warned or amounts[STEP] == pytest.approx(1.5, rel=0.1)
+    # what is found is put before recordings in such steps too
+    assert in_steps_as_seen(p, NOTHING, w, w).steps == (4 * w.steps if warned else w.steps)

@@ -10,8 +10,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.whitening import start_runs
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
-from mpge_jax.diagnosis.simulation.larger_steps import stride
-from mpge_jax.diagnosis.simulation.near import Near, changes
+from mpge_jax.diagnosis.simulation.cheaper_steps import Near, changes, stride
 from mpge_jax.diagnosis.simulation.windows import Windows
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, record
 from tests.diagnosis.searches import DAMPING, fitted, prepared_of, search_of

@@ -1,0 +1,107 @@
+"""What acts at other joints than the one at which something has no name."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from mpge_jax.diagnosis.effects.context import Place
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.evidence.null_distribution import Floor
+from mpge_jax.diagnosis.selection.procedure import Decision
+from mpge_jax.diagnosis.verdict import elsewhere as module
+from mpge_jax.diagnosis.verdict.elsewhere import elsewhere
+from tests.diagnosis.machines import ARM, PENDULUM, record
+from tests.diagnosis.searches import fitted, prepared_of, search_of
+
+SHOULDER, ELBOW = Place("joint", "shoulder", 0), Place("joint", "elbow", 1)
+RUBS, LOAD = Term("coulomb_friction", ELBOW), Term("com_offset", Place("body", "fore", 2))
+DAMPED = Term("viscous_damping", SHOULDER)
+QUIET = lambda _text: None  # noqa: E731
+
+
+def _hidden(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """A torque at the shoulder that depends on nothing that is recorded."""
+    data.qfrc_applied[0] = 1.2 * np.sin(9 * data.time + 3 * np.sin(2.3 * data.time))
+
+
+def _rubbing(model: mujoco.MjModel) -> None:
+    model.dof_frictionloss[1] = 0.15
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """An arm that rubs at its elbow while something unknown acts at its shoulder."""
+    recordings = record(ARM, [1.0, 0.6], change=_rubbing, force=_hidden, count=5, seconds=3.0)
+    s, p = search_of(ARM, recordings)
+    p = dataclasses.replace(
+        p, config=dataclasses.replace(p.config, effects=("coulomb_friction", "com_offset", "armature"))
+    )
+    return s, p
+
+
+def test_friction_at_the_elbow_is_told_beside_an_unknown_force_at_the_shoulder(arm):
+    s, p = arm
+    p.warnings[:] = ["before"]
+    wrong = fitted(s, {LOAD: [0.03, 0.0, 0.02], DAMPED: [0.2]})
+    wrong = dataclasses.replace(wrong, cov=np.diag([4.0, 4.0, 4.0, 9.0]))
+    answer = elsewhere(p, s, Decision(wrong, {LOAD: [], DAMPED: []}, Floor(), None, s), ["shoulder"], QUIET)
+    assert answer is not None and set(answer.fit.hypothesis.terms) == {RUBS, DAMPED}
+    parts = answer.fit.hypothesis.split(p.ctx, answer.fit.theta)
+    assert parts[RUBS] == pytest.approx(0.15, rel=0.1) and parts[DAMPED] == 0.2
+    rubs, damped = (
+        answer.fit.hypothesis.slices(p.ctx)[answer.fit.hypothesis.terms.index(t)] for t in (RUBS, DAMPED)
+    )
+    assert answer.fit.cov[damped, damped] == 9.0 and (answer.fit.cov[damped, rubs] == 0.0).all()
+    assert 0.0 < answer.fit.cov[rubs, rubs] < 0.01**2
+    # what is unknown is still left, and what was only like it is said to have gone
+    assert answer.left is not None and set(answer.rivals) >= {DAMPED} and LOAD not in answer.rivals
+    first, *_, last = p.warnings
+    assert first == "before" and last.startswith(
+        "com offset at fore: it is only like what acts at the shoulder"
+    )
+
+
+def _answers(monkeypatch, *left: bool) -> list[int]:
+    """Makes searches leave something or not, one after the other; returns which degrees of freedom were guided."""
+    guided, answers = [], iter(left)
+
+    def tested(machine, search, _decision):
+        guided.append(*machine.sim.guided)
+        return Decision(NOTHING, {}, Floor(), object() if next(answers) else None, search), None
+
+    monkeypatch.setattr(module, "decide", lambda *_: None)
+    monkeypatch.setattr(module, "tested", tested)
+    return guided
+
+
+def test_joints_are_tried_until_nothing_is_left_of_the_others(arm, monkeypatch):
+    s, p = arm
+    found = Decision(NOTHING, {}, Floor(), None, s)
+    p.warnings[:] = ["before"]
+    guided = _answers(monkeypatch, True, False, True, True, True)
+    answer = elsewhere(p, s, found, ["elbow", "elbow_servo", "shoulder"], QUIET)
+    assert answer is not None and answer.fit is NOTHING and guided == [1, 0]
+    guided.clear()
+    assert elsewhere(p, s, found, ["elbow", "shoulder"], QUIET) is None
+    assert guided == [1, 0] and p.warnings == ["before"]
+
+
+def test_what_acts_at_the_guided_joint_alone_is_not_looked_for(arm, monkeypatch):
+    s, p = arm
+    seen: list[Hypothesis] = []
+    monkeypatch.setattr(module, "decide", lambda _p, search, _say: seen.append(search.terms))
+    monkeypatch.setattr(module, "tested", lambda _p, s, _d: (Decision(NOTHING, {}, Floor(), None, s), None))
+    elsewhere(p, s, Decision(NOTHING, {}, Floor(), None, s), ["shoulder"], QUIET)
+    (terms,) = seen
+    assert RUBS in terms and LOAD in terms
+    assert not any(t.place.name == "shoulder" for t in terms)
+
+
+def test_a_machine_with_one_joint_has_no_other_joints():
+    p = prepared_of(PENDULUM, record(PENDULUM, 0.8))
+    assert elsewhere(p, None, None, ["hinge"], QUIET) is None
