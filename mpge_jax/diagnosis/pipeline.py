@@ -16,6 +16,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.diagnosis import Diagnosis
 from mpge_jax.diagnosis.drives.driven_machine import as_encoders_read, driven_as_found, measured_servos
 from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.evidence.numerics_seen import in_steps_as_seen
 from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.force_balance import procedure as force_balance
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
@@ -100,6 +101,7 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
         )
         return judge_forces(p, force_balance.decide(p, say), say)
     p, drives = driven_as_found(p, plain)
+    p = in_steps_as_seen(p)
     late = {} if drives is None else drives.late(plain)
     measurement = MeasurementModel.without_physics(p, late, measured_servos(p, plain))
     p = measurement.read()

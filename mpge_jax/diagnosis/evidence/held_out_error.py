@@ -76,11 +76,7 @@ def judged(p: Prepared, part: Part) -> Windows:
 
 def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
     """Errors of the nominal model and of `f` on the recordings of one part."""
-    return report_on(judged(p, part), p, f)
-
-
-def report_on(w: Windows, p: Prepared, f: Fitted) -> FitReport:
-    """Errors of the nominal model and of `f` on some windows."""
+    w = judged(p, part)
     before = errors(p.sim, NOTHING, w, p.noise)
     after = errors(p.sim, f, w, p.noise) if f.hypothesis.terms else before
     variance = noise_floor(p.sim, f, w, p.noise, force_noise(p))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import (
     INTEGRATOR,
     LATE,
@@ -16,6 +18,7 @@ from mpge_jax.diagnosis.estimation.whitening import (
     numerics,
     whitener,
 )
+from mpge_jax.diagnosis.evidence.held_out_error import WINDOWS
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
 
@@ -61,7 +64,7 @@ def numerics_seen(p: Prepared, f: Fitted, w: Windows) -> tuple[dict[str, float],
         if not (sure and matters):
             continue
         amounts[kind] = float(amount[k])
-        if kind in NUMERICS:
+        if kind in NUMERICS and not any(x.startswith(NUMERICS[kind]) for x in p.warnings):
             what = NUMERICS[kind if INTEGRATOR in changes or kind == LATE else INTEGRATOR]
             warnings.append(
                 f"{what}: {size.max():.1g} rad or m (rms, at the joint where it is most) over {w.times.max():.2g} s. "
@@ -70,10 +73,19 @@ def numerics_seen(p: Prepared, f: Fitted, w: Windows) -> tuple[dict[str, float],
     return amounts, warnings
 
 
-def in_steps_as_seen(p: Prepared, f: Fitted, w: Windows, by: Windows) -> Windows:
-    """Windows `w` in finer steps than the model's where other windows (`by`) show that the machine moves as in these.
-    No machine has a timestep, and what a coarse one does to fast motion may hide all that the model lacks."""
-    if not by.count or p.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        return w
-    amounts, _ = numerics_seen(p, f, by)
-    return w.refined(FINER) if amounts.get(STEP, 0.0) > HALFWAY else w
+def in_steps_as_seen(p: Prepared) -> Prepared:
+    """The same in finer steps than the model's where its recordings show clearly that the machine moves as in these; a
+    warning says so. No machine has a timestep, and what a coarse one does to fast motion may hide all that the model
+    lacks, or pass for it. Where things touch, the model's steps are a part of its contacts, and stay.
+    """
+    w = p.all_to_train().windows("train", p.config.report_s, WINDOWS["choice"], seed=1)
+    if not w.count or p.ctx.contacts or p.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        return p
+    if numerics_seen(p, NOTHING, w)[0].get(STEP, 0.0) <= HALFWAY:
+        return p
+    finer = replace(p, dt=p.dt / FINER)
+    p.warnings.append(
+        f"{NUMERICS[STEP]}: all is simulated, and errors are told, in steps of {finer.dt:.3g} s instead of "
+        f"{p.dt:.3g} s; give a corrected model such a timestep too."
+    )
+    return finer

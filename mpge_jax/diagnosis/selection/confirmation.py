@@ -19,11 +19,9 @@ from mpge_jax.diagnosis.evidence.held_out_error import (
     fit_report,
     judged,
     left_out,
-    report_on,
 )
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
 from mpge_jax.diagnosis.evidence.null_distribution import force_noise
-from mpge_jax.diagnosis.evidence.numerics_seen import in_steps_as_seen
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -64,8 +62,7 @@ def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict
     of many explains may be too slight to be sure of, and its sum is not. What never predicts better goes as a whole.
     """
     gone: dict[Term, str] = {}
-    w = in_steps_as_seen(p, f, judged(p, part), s.train)
-    report = report_on(w, p, f)
+    report = fit_report(p, f, part)
     best = report.after
     while f.hypothesis.terms:
         without = errors_without(p, f, report)
@@ -74,7 +71,7 @@ def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict
         if beyond_doubt(sure[weakest]):
             break
         fewer = refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
-        its = report_on(w, p, fewer)
+        its = fit_report(p, fewer, part)
         if beyond_doubt(_evidence(its.after, best, report.floors)) or (_helps(report) and not _helps(its)):
             break
         idle = np.allclose(without[weakest].window, report.after.window)
@@ -114,13 +111,9 @@ def _adds(p: Prepared, f: Fitted, term: Term, w: Windows, here: tuple[Array, Arr
     return float(more.mean(0).max())
 
 
-def predicts_better(p: Prepared, s: Search, new: Fitted, old: Fitted) -> bool:
-    """Whether recordings that only choose are predicted better, over windows of the reported length, beyond doubt.
-
-    Args:
-        s: a search whose training windows show in which steps the machine moves.
-    """
-    w = in_steps_as_seen(p, new, judged(p, "choice"), s.train)
+def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
+    """Whether recordings that only choose are predicted better, over windows of the reported length, beyond doubt."""
+    w = judged(p, "choice")
     before, after = (errors(p.sim, f, w, p.noise) for f in (old, new))
     floors = np.sqrt(noise_floor(p.sim, new, w, p.noise, force_noise(p)))
     return beyond_doubt(_evidence(before, after, floors))

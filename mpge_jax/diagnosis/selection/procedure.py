@@ -159,7 +159,7 @@ def _on_longer_windows(
         longest = longer
         if more.hypothesis == f.hypothesis or not more.hypothesis.terms:
             break
-        if f.hypothesis.terms and not predicts_better(p, s, more, f):
+        if f.hypothesis.terms and not predicts_better(p, more, f):
             break
         f, rivals = more, its
         length, usual = 2.0 * length, _usual(longer, more)

@@ -54,13 +54,13 @@ def _beside_functions(
     named = found.fit.hypothesis.named
     # all that has a name is given up for much more alone
     better = _far_better if named else predicts_better
-    if not functions or not better(p, s, unknown, found.fit):
+    if not functions or not better(p, unknown, found.fit):
         return None
     if named and found.left is not None:
         # and such functions may act beside it as well
         more = [x for x in describe(p, found.left, 1.0)["at"] if x not in at]
         _, both = functions_of_motion(p, s, found.fit, [*at, *more])
-        if not _far_better(p, s, unknown, both):
+        if not _far_better(p, unknown, both):
             return None
     say("looking for what acts beside it")
     with_it = replace(p, sim=p.sim.beside(unknown.hypothesis, unknown.theta))
@@ -73,8 +73,8 @@ def _beside_functions(
     return Decision(fit, beside.rivals, noise, left, s)
 
 
-def _far_better(p: Prepared, s: Search, new: Fitted, old: Fitted) -> bool:
+def _far_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
     """Whether recordings that only choose are predicted better beyond doubt, and by much, where they are enough."""
     w = judged(p, "choice")
     less, more = (errors(p.sim, f, w, p.noise).rms for f in (new, old))
-    return w.count >= ENOUGH_WINDOWS and less**2 < REMAINS * more**2 and predicts_better(p, s, new, old)
+    return w.count >= ENOUGH_WINDOWS and less**2 < REMAINS * more**2 and predicts_better(p, new, old)

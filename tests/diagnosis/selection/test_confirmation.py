@@ -56,7 +56,6 @@ def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
         return {t: errors_of(h, 0.0) if h.terms else report.before for t, h in fewer.items()}
 
     monkeypatch.setattr(confirmation, "fit_report", lambda p, f, part: report(f))
-    monkeypatch.setattr(confirmation, "report_on", lambda w, p, f: report(f))
     monkeypatch.setattr(confirmation, "errors_without", without)
     monkeypatch.setattr(confirmation, "refitted", lambda s, f: f)
     monkeypatch.setattr(confirmation, "_adds", lambda p, f, term, w, here: 0.0)

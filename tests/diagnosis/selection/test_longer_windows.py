@@ -33,7 +33,7 @@ class Bench:
         monkeypatch.setattr(procedure, "search", self.search)
         monkeypatch.setattr(procedure, "_settle", self.settle)
         monkeypatch.setattr(procedure, "_usual", lambda s, f: self.usual(s.length))
-        monkeypatch.setattr(procedure, "predicts_better", lambda p, s, new, old: better)
+        monkeypatch.setattr(procedure, "predicts_better", lambda p, new, old: better)
 
     def build(self, p, say, length):
         self.sim.stride = length

@@ -210,5 +210,11 @@ def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
     assert not any("another moment" in x for x in told)
     # halving the timestep is two thirds of the way to a quarter
     assert not warned or amounts[STEP] == pytest.approx(1.5, rel=0.1)
-    # what is found is put before recordings in such steps too
-    assert in_steps_as_seen(p, NOTHING, w, w).steps == (4 * w.steps if warned else w.steps)
+    # all is simulated in such steps, and that is said once
+    seen = in_steps_as_seen(p)
+    assert seen.dt == (p.dt / 4 if warned else p.dt) and (seen is p) == (not warned)
+    assert [x for x in p.warnings if "finer timestep" in x] == [x for x in p.warnings if "in steps of" in x]
+    assert (
+        not any("finer timestep" in x for x in numerics_seen(seen, NOTHING, w)[1])
+        and len(p.warnings) == warned
+    )

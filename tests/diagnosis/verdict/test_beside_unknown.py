@@ -93,9 +93,9 @@ def test_far_better_takes_windows_enough_to_say_so(asked, monkeypatch):
     p, right, wrong = asked.p, fitted(asked.s, {COULOMB: [0.1]}), fitted(asked.s, {GAIN: [0.9]})
     count = judged(p, "choice").count
     monkeypatch.setattr(module, "ENOUGH_WINDOWS", count)
-    assert _far_better(p, asked.s, right, wrong) and not _far_better(p, asked.s, wrong, right)
+    assert _far_better(p, right, wrong) and not _far_better(p, wrong, right)
     monkeypatch.setattr(module, "ENOUGH_WINDOWS", count + 1)
-    assert not _far_better(p, asked.s, right, wrong)
+    assert not _far_better(p, right, wrong)
 
 
 def test_what_is_found_beside_the_force_is_told_without_it(asked):
