@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import pytest
 
+from mpge_jax.diagnosis.residual import motion
 from tests.diagnosis.machines import PENDULUM, really_sticks, record
 from tests.diagnosis.searches import search_of
 
@@ -21,3 +22,9 @@ def rubbing():
         really_sticks(model, 0)
 
     return search_of(PENDULUM, record(PENDULUM, 0.8, change=change))
+
+
+@pytest.fixture
+def few_windows(monkeypatch):
+    """Functions of what is left are fitted to a third of the windows: they take as long as these are many."""
+    monkeypatch.setattr(motion, "WINDOWS", 30)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.diagnosis.machines import PENDULUM, record
 from tests.experiments.fleet import small_fleet
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,6 +48,17 @@ for line in sys.stdin:
     print(json.dumps([status, time.monotonic() - begun]), flush=True)
 """
 """A process that has imported a command and runs it in copies of itself, which it kills after `delay` s."""
+QUICK_FIGURES = """
+from mpge_jax.diagnosis.report import folder
+def draw(d, at):
+    at.mkdir(exist_ok=True)
+    shown = {name: at / f"{name}.png" for name in ("prediction", "errors", "residuals", "robot", "location")}
+    for path in shown.values():
+        path.write_bytes(b"drawn")
+    return shown
+folder.draw = draw
+"""
+"""Makes files of the figures of a report that cost nothing: in the short tests these would take as long as the rest."""
 
 
 @contextmanager
@@ -106,17 +116,13 @@ def kill_often(
 
 
 @contextmanager
-def diagnoses(folder: Path) -> Iterator[Callable[..., Any]]:
-    def friction(_model, data):
-        data.qfrc_applied[0] -= 0.1 * np.tanh(data.qvel[0] / 0.03)
-
-    (folder / "model.xml").write_text(PENDULUM)
-    for r in record(PENDULUM, 1.2, force=friction):
-        np.savez(folder / f"{r.name}.npz", time=r.time, qpos=r.qpos, ctrl=r.ctrl)
-    options = ["--model", str(folder / "model.xml"), "--recordings", str(folder), "--jobs", "1"]
-    options += ["--effects", "coulomb_friction", "armature", "--quiet"]
+def diagnoses(folder: Path, figures: str = "") -> Iterator[Callable[..., Any]]:
+    small_fleet.make(folder / "given")
+    robot = folder / "given" / "robots" / "left"
+    options = ["--model", str(folder / "given" / "model.xml"), "--recordings", str(robot), "--jobs", "1"]
+    options += ["--effects", "viscous_damping", "armature", "--quiet"]
     run = "diagnose.main([*sys.argv[1:], '--out', out])"
-    with command("from experiments import diagnose", options, run, folder / "programs") as once:
+    with command("from experiments import diagnose" + figures, options, run, folder / "programs") as once:
         yield once
 
 
@@ -136,10 +142,10 @@ def same_diagnosis(a: Path, b: Path) -> None:
 
 
 @contextmanager
-def fleets(folder: Path, *more: str) -> Iterator[Callable[..., Any]]:
+def fleets(folder: Path, *more: str, figures: str = "") -> Iterator[Callable[..., Any]]:
     options = [*small_fleet.make(folder / "given"), *more]
     run = "(sys.argv.extend(['--out', out]), fleet.main())[1]"
-    imports = "from experiments.fleet import __main__ as fleet"
+    imports = "from experiments.fleet import __main__ as fleet" + figures
     with command(imports, options, run, folder / "programs") as once:
         yield once
 
@@ -190,12 +196,12 @@ def same_training(a: Path, b: Path) -> None:
 
 
 def test_a_diagnosis_that_is_killed_goes_on(tmp_path):
-    with diagnoses(tmp_path) as once:
+    with diagnoses(tmp_path, QUICK_FIGURES) as once:
         kill_often(once, tmp_path, SELDOM, same_diagnosis)
 
 
 def test_a_fleet_that_is_killed_goes_on(tmp_path):
-    with fleets(tmp_path) as once:
+    with fleets(tmp_path, figures=QUICK_FIGURES) as once:
         kill_often(once, tmp_path, SELDOM, same_fleet)
 
 

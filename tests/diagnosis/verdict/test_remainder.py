@@ -52,7 +52,9 @@ def _flights(rotor: int) -> list[Recording]:
         ("shoulder", 0.08, ["shoulder", "elbow"]),
     ],
 )
-def test_a_rough_spot_is_placed_where_force_at_one_joint_alone_explains_most(joint, width, at, monkeypatch):
+def test_a_rough_spot_is_placed_where_force_at_one_joint_alone_explains_most(
+    joint, width, at, monkeypatch, few_windows
+):
     monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: None)
 
     def spot(m: mujoco.MjModel, d: mujoco.MjData) -> None:

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from experiments.fleet import __main__ as command
-from tests.experiments.fleet.small_fleet import TORQUES, make, results_of
+from tests.experiments.fleet.small_fleet import COEFFICIENTS, make, results_of
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -34,10 +34,12 @@ def run(options, out, *more):
 
 def test_several_processes_leave_the_bytes_of_one(fleet, tmp_path):
     options, alone = fleet
-    assert {f"robots/{name}/diagnosis.json" for name in TORQUES} | {"fleet.json", "fleet.html"} <= set(alone)
+    assert {f"robots/{name}/diagnosis.json" for name in COEFFICIENTS} | {"fleet.json", "fleet.html"} <= set(
+        alone
+    )
     odd = json.loads(alone["fleet.json"])["robots"]
-    torques = {n: odd[n]["effects"][0]["parameters"]["torque"]["value"] for n in TORQUES}
-    assert torques == pytest.approx(TORQUES, rel=0.05)
+    found = {n: odd[n]["effects"][0]["parameters"]["coefficient"]["value"] for n in COEFFICIENTS}
+    assert found == pytest.approx(COEFFICIENTS, rel=0.05)
     assert run(options, tmp_path / "two", "--workers", "2") == alone
 
 
