@@ -6,6 +6,7 @@ import mujoco
 import pytest
 
 from mpge_jax.diagnosis.residual import motion
+from mpge_jax.diagnosis.residual.inputs import functions
 from tests.diagnosis.machines import PENDULUM, really_sticks, record
 from tests.diagnosis.searches import search_of
 
@@ -24,7 +25,16 @@ def rubbing():
     return search_of(PENDULUM, record(PENDULUM, 0.8, change=change))
 
 
-@pytest.fixture
-def few_windows(monkeypatch):
-    """Functions of what is left are fitted to a third of the windows: they take as long as these are many."""
-    monkeypatch.setattr(motion, "WINDOWS", 30)
+@pytest.fixture(scope="module")
+def plain_functions():
+    """What is left is modelled by functions of one input alone: looking through the hundreds of others takes nearly all
+    the time of a diagnosis that leaves something, and is asked of tests of those functions."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            motion,
+            "functions",
+            lambda values: [
+                e for e in functions(values) if len(e.axes) == 1 and not (e.coupled or e.dry or e.traced)
+            ],
+        )
+        yield

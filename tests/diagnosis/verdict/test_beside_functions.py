@@ -31,7 +31,7 @@ def _rubs(torque: float) -> Function:
 
 
 @pytest.fixture
-def asked(rubbing, few_windows):
+def asked(rubbing, plain_functions):
     """What stays of effects on a pendulum with dry friction of 0.1 N m, beside a function for some of it."""
     s, p = rubbing
     p.warnings.clear()

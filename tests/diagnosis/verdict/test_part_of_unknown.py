@@ -94,7 +94,7 @@ BRAKES = Function(Term(SPEED.id, ELBOW), -0.2 * np.linspace(-9, 9, 9), None)
 
 
 @pytest.fixture(scope="module")
-def rubs_otherwise():
+def rubs_otherwise(plain_functions):
     """A spring at the shoulder, and damping at the elbow that depends on the angle."""
 
     def force(m: mujoco.MjModel, d: mujoco.MjData) -> None:

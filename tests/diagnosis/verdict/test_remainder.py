@@ -53,7 +53,7 @@ def _flights(rotor: int) -> list[Recording]:
     ],
 )
 def test_a_rough_spot_is_placed_where_force_at_one_joint_alone_explains_most(
-    joint, width, at, monkeypatch, few_windows
+    joint, width, at, monkeypatch, plain_functions
 ):
     monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: None)
 
