@@ -7,7 +7,7 @@ import pytest
 
 from mpge_jax.diagnosis.residual import motion
 from mpge_jax.diagnosis.residual.inputs import functions
-from tests.diagnosis.machines import PENDULUM, really_sticks, record
+from tests.diagnosis.machines import COARSE, PENDULUM, really_sticks, record
 from tests.diagnosis.searches import search_of
 
 
@@ -22,7 +22,7 @@ def rubbing():
         model.dof_frictionloss[0] = 0.1
         really_sticks(model, 0)
 
-    return search_of(PENDULUM, record(PENDULUM, 0.8, change=change))
+    return search_of(COARSE, record(COARSE, 0.8, change=change))
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,9 @@ PENDULUM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><world
 <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/></body></worldbody>
 <actuator><motor name="motor" joint="hinge" ctrlrange="-2 2" ctrllimited="true"/></actuator></mujoco>"""
 
+COARSE = PENDULUM.replace('timestep="0.002"', 'timestep="0.005"')
+"""Where much is simulated, which takes as long as there are steps."""
+
 ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <body name="upper"><joint name="shoulder" axis="0 1 0" damping="0.05" armature="0.01"/>
 <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1" contype="0" conaffinity="0"/>
@@ -22,6 +25,8 @@ ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 </body></body></worldbody>
 <actuator><motor name="shoulder_motor" joint="shoulder"/><position name="elbow_servo" joint="elbow" kp="8" kv="0.4"/>
 </actuator></mujoco>"""
+
+COARSE_ARM = ARM.replace('timestep="0.002"', 'timestep="0.005"')
 
 BOX = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <geom name="floor" type="plane" size="5 5 1"/><body name="box" pos="0 0 .1"><joint name="x" type="slide" axis="1 0 0"/>
@@ -48,7 +53,9 @@ def excitation(kind: int, t: float, phase: np.ndarray, size: np.ndarray) -> np.n
 
 def really_sticks(model: mujoco.MjModel, dof: int | slice = slice(None)) -> None:
     """Let dry friction stop joints within a timestep: by its own, MuJoCo's creeps."""
-    model.dof_solref[dof], model.dof_solimp[dof] = [-1, -1800], [0.98, 0.99, 0.001, 0.5, 2]
+    # at a quarter of the step, as `record` simulates
+    damping = -3.6 / model.opt.timestep
+    model.dof_solref[dof], model.dof_solimp[dof] = [-1, damping], [0.98, 0.99, 0.001, 0.5, 2]
 
 
 def record(

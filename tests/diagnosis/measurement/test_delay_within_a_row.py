@@ -64,7 +64,7 @@ def test_the_motion_tells_where_between_rows_a_delay_lies(delay):
 
 def test_friction_that_the_model_lacks_too_does_not_shift_the_delay(plain_functions):
     # few candidates and rows: steps as fine as these take long
-    effects = ("coulomb_friction", "viscous_damping", "actuator_delay", "actuator_lag", "armature")
+    effects = ("coulomb_friction", "viscous_damping", "actuator_delay", "actuator_lag")
     config = Config(jobs=1, effects=effects)
     found = diagnose(mujoco.MjSpec.from_string(FINE), _recordings(0.0125, 0.1, rows_each=120), config)
     entries = {e["id"]: e["parameters"] for e in found.to_json()["effects"]}

@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.selection.procedure import Decision, what_is_left
 from mpge_jax.diagnosis.verdict import beside_functions as module
 from mpge_jax.diagnosis.verdict import judgement
 from mpge_jax.diagnosis.verdict.beside_functions import HARM, without_harm
-from tests.diagnosis.machines import PENDULUM
+from tests.diagnosis.machines import COARSE
 from tests.diagnosis.searches import COULOMB, DAMPING, GAIN, HINGE, fitted
 
 SPEED = Residual((Axis("v", -4.0, 4.0),), 4.0)
@@ -86,6 +86,6 @@ def test_the_verdict_is_told_without_it(asked, monkeypatch):
     residual, held = asked.told(damping, 0.1)
     monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: residual)
     found = Decision(damping, {DAMPING: []}, *what_is_left(p, damping, s), s)
-    result = judgement.judge(p, mujoco.MjModel.from_xml_string(PENDULUM), s, found, held, None)
+    result = judgement.judge(p, mujoco.MjModel.from_xml_string(COARSE), s, found, held, None)
     assert result.verdict == "unexplained" and not result.fit.hypothesis.terms
     assert result.held.after.rms == result.held.before.rms and result.error_drop == {}
