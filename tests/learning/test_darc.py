@@ -33,7 +33,7 @@ def test_the_correction_is_the_log_ratio_of_the_densities():
         return darc.update(state, source, target, three, config)
 
     state = darc.init(jax.random.key(0), 1, 1, config)
-    state, metrics = jax.jit(lambda s: jax.lax.scan(step, s, jax.random.split(jax.random.key(1), 1500)))(
+    state, metrics = jax.jit(lambda s: jax.lax.scan(step, s, jax.random.split(jax.random.key(1), 800)))(
         state
     )
     assert np.mean(metrics["classifier_loss"][-100:]) < np.mean(metrics["classifier_loss"][:20])

@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import _better, _tried, fit, timing_error
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, refined
-from tests.diagnosis.machines import BOX, PENDULUM, really_sticks, record
+from tests.diagnosis.machines import BOX, COARSE, PENDULUM, really_sticks, record
 from tests.diagnosis.searches import COULOMB, DAMPING, HINGE, fitted, search_of
 
 
@@ -146,7 +146,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
         really_sticks(model, 0)
 
     for seed in range(12):
-        s, p = search_of(PENDULUM, record(PENDULUM, 0.8, change=change, noise=1e-3, seed=seed))
+        s, p = search_of(COARSE, record(COARSE, 0.8, change=change, noise=1e-3, seed=seed))
         near, _ = final_fit(s, fitted(s, {t: [v] for t, v in true.items()}))
         f = refined(s, near, p.windows("train", p.config.report_s, 60))
         for t, part in zip(f.hypothesis.terms, f.hypothesis.slices(s.sim.ctx), strict=True):

@@ -37,15 +37,22 @@ def run_of(sim: Simulator, *terms: Term) -> Run:
     return Run(h, h.gather(sim.ctx, parts))
 
 
+@pytest.fixture(scope="module")
+def by_themselves(arm):
+    """Pairs of effects, and what each leaves alone."""
+    sim, w, terms = arm
+    pairs = [run_of(sim, a, b) for a, b in combinations(terms, 2) if compatible(Hypothesis.of(a), b)]
+    return pairs, [replace(sim, known=Remembered()).residuals([run], w)[0] for run in pairs]
+
+
 @pytest.mark.parametrize("way", [1, -1])
-def test_a_run_does_not_hang_on_what_else_is_in_the_batch(arm, way):
+def test_a_run_does_not_hang_on_what_else_is_in_the_batch(arm, by_themselves, way):
     sim, w, terms = arm
     alone = [run_of(sim, t) for t in terms[::way]]
-    pairs = [run_of(sim, a, b) for a, b in combinations(terms, 2) if compatible(Hypothesis.of(a), b)]
+    pairs, expected = by_themselves
     assert len(pairs) > 200
     together = replace(sim, known=Remembered()).residuals([*alone, *pairs], w)[len(alone) :]
-    for run, told in zip(pairs, together, strict=True):
-        by_itself = replace(sim, known=Remembered()).residuals([run], w)[0]
+    for run, told, by_itself in zip(pairs, together, expected, strict=True):
         np.testing.assert_array_equal(told, by_itself, err_msg=str(run.hypothesis))
 
 

@@ -1,7 +1,6 @@
 """Ours beside peers: the arithmetic by hand, peers that are not installed, and that both fits have one objective."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +9,8 @@ import pytest
 from experiments.benchmark.peers import __main__ as peers
 from experiments.benchmark.peers import error_time, fit, growth, in_turn, page, rows, sac_updates
 from experiments.benchmark.peers.in_turn import OURS
-from experiments.presets import PRESETS
-from mpge_jax.grounding.inversion import InversionConfig
 from mpge_jax.learning.sac import SACConfig
+from tests.experiments.tiny import TINY
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -95,8 +93,9 @@ def test_a_method_that_never_gets_there_is_said_so():
 
 def test_times_to_an_error_are_measured_from_a_log(monkeypatch):
     monkeypatch.setattr(error_time, "ERROR", 100.0)
-    tiny = replace(PRESETS["quick"], inversion=InversionConfig(iterations=1, epochs=1))
-    row = error_time.measure(1, tiny, every=1)
+    monkeypatch.setattr(error_time, "SOURCE", "InvertedPendulum")
+    monkeypatch.setattr(error_time, "TARGET", "SkewedPendulum")
+    row = error_time.measure(1, TINY, every=1)
     assert set(row["found"]) == {OURS, error_time.GAT, error_time.VINE, error_time.PAPER}
     assert all(seconds > 0 and error <= 100 for ((seconds, error),) in row["found"].values())
 
