@@ -16,13 +16,23 @@ def null():
     return search_of(PENDULUM, record(PENDULUM, 0.8))
 
 
-@pytest.fixture(scope="module")
-def rubbing():
+def _rubs(xml: str):
     def change(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0] = 0.1
         really_sticks(model, 0)
 
-    return search_of(COARSE, record(COARSE, 0.8, change=change))
+    return search_of(xml, record(xml, 0.8, change=change))
+
+
+@pytest.fixture(scope="module")
+def rubbing():
+    return _rubs(PENDULUM)
+
+
+@pytest.fixture(scope="module")
+def rubbing_coarsely():
+    """For what is simulated long."""
+    return _rubs(COARSE)
 
 
 @pytest.fixture(scope="module")

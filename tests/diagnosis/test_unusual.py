@@ -103,7 +103,7 @@ def _transitions(friction: float, count: int = 150, noise: float = 1e-4) -> list
     return out
 
 
-def test_single_transitions_are_recordings():
+def test_single_transitions_are_recordings(plain_functions):
     spec = mujoco.MjSpec.from_string(PENDULUM)
     config = Config(jobs=1, effects=("coulomb_friction", *MISTAKEN_FOR_FRICTION))
     assert diagnose(spec, _transitions(0.0), config).verdict == "none"

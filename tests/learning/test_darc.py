@@ -33,9 +33,7 @@ def test_the_correction_is_the_log_ratio_of_the_densities():
         return darc.update(state, source, target, three, config)
 
     state = darc.init(jax.random.key(0), 1, 1, config)
-    state, metrics = jax.jit(lambda s: jax.lax.scan(step, s, jax.random.split(jax.random.key(1), 800)))(
-        state
-    )
+    state, metrics = jax.jit(lambda s: jax.lax.scan(step, s, jax.random.split(jax.random.key(1), 800)))(state)
     assert np.mean(metrics["classifier_loss"][-100:]) < np.mean(metrics["classifier_loss"][:20])
     seen = rows(jax.random.key(2), 500, 0.0, spread=0.7)
     found = np.asarray(darc.correction(state, seen, config))

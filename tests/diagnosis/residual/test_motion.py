@@ -74,17 +74,17 @@ def test_a_spring_that_yields_and_remembers_is_learned():
     assert [a.input for a in function.axes] == ["z"] and 0.07 < function.axes[0].high < 0.3
 
 
-def test_where_nothing_is_left_there_is_no_function(rubbing):
-    s, p = rubbing
+def test_where_nothing_is_left_there_is_no_function(rubbing_coarsely):
+    s, p = rubbing_coarsely
     f = fitted(s, {COULOMB: [0.1]})
     held = fit_report(p, f, "test")
     assert residual_of_motion(p, s, f, ["hinge"], (p, f), held) is None
     assert residual_of_motion(p, s, f, ["no joint"], (p, f), held) is None
 
 
-def test_it_is_judged_on_the_machine_whose_errors_are_shown(rubbing, monkeypatch):
+def test_it_is_judged_on_the_machine_whose_errors_are_shown(rubbing_coarsely, monkeypatch):
     """A machine that measured forces drive may be shown driven by its commands, with what was found between the two."""
-    s, p = rubbing
+    s, p = rubbing_coarsely
     effect = Residual((Axis("v", -3.0, 3.0),), 3.0)
     term, theta = Term(effect.id, HINGE), -0.1 * np.sign(np.linspace(-1, 1, 9))
     function = Function(term, theta, None)
@@ -107,8 +107,8 @@ def test_it_is_judged_on_the_machine_whose_errors_are_shown(rubbing, monkeypatch
     )
 
 
-def test_places_are_joints_or_those_that_actuators_drive(rubbing):
-    _, p = rubbing
+def test_places_are_joints_or_those_that_actuators_drive(rubbing_coarsely):
+    _, p = rubbing_coarsely
     assert places_of(p, ["motor", "hinge", "arm"]) == [HINGE]
     values = seen(p, HINGE)
     assert {key[0] for key in values} == set("qvflz") and len({len(x) for x in values.values()}) == 1
@@ -116,8 +116,8 @@ def test_places_are_joints_or_those_that_actuators_drive(rubbing):
     np.testing.assert_allclose(values["l"], -0.5 * 9.81 * 0.15 * np.sin(values["q"]), rtol=1e-3, atol=1e-6)
 
 
-def test_a_force_that_drives_a_joint_on_does_not_run_away(rubbing, monkeypatch):
-    _, p = rubbing
+def test_a_force_that_drives_a_joint_on_does_not_run_away(rubbing_coarsely, monkeypatch):
+    _, p = rubbing_coarsely
     effect = Residual((Axis("v", -3.0, 3.0),), 3.0)
     drives = with_function(p.ctx, NOTHING, Term(effect.id, HINGE), 0.5 * np.linspace(-1, 1, 9))
     speeds = roll_out.greatest_speeds(p, [drives, NOTHING])

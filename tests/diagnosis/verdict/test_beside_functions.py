@@ -31,9 +31,9 @@ def _rubs(torque: float) -> Function:
 
 
 @pytest.fixture
-def asked(rubbing, plain_functions):
+def asked(rubbing_coarsely, plain_functions):
     """What stays of effects on a pendulum with dry friction of 0.1 N m, beside a function for some of it."""
-    s, p = rubbing
+    s, p = rubbing_coarsely
     p.warnings.clear()
 
     def told(f, torque: float):
