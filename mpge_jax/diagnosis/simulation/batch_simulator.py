@@ -291,9 +291,10 @@ class Simulator:
             if run.push is not None:
                 push[rows, run.push[0]] += run.push[1]
         runtime = [g for g in groups if g.term.effect.runtime]
-        engine = Runtime(self.model, self.ctx, batch, runtime, push, w.dt) if runtime or push.any() else None
-        q_all, v_all = np.empty((steps + 1, n, m.nq)), np.empty((steps + 1, n, m.nv))
         guide = Guide(m, batch, w, window, self.guided) if self.guided else None
+        forced = bool(runtime) or push.any() or guide is not None
+        engine = Runtime(self.model, self.ctx, batch, runtime, push, w.dt) if forced else None
+        q_all, v_all = np.empty((steps + 1, n, m.nq)), np.empty((steps + 1, n, m.nv))
         if guide is not None:
             guide.place(0)
         if engine is not None:
@@ -307,8 +308,6 @@ class Simulator:
                 ctrl[:] = commanded(k)
             if engine is not None:
                 engine.apply()
-            elif guide is not None:
-                batch.bind("qfrc_applied")[:] = 0.0
             if guide is not None:
                 guide.push(k)
             batch.step()
