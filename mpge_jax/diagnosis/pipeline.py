@@ -16,11 +16,11 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.diagnosis import Diagnosis
 from mpge_jax.diagnosis.drives.driven_machine import as_encoders_read, driven_as_found, measured_servos
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.evidence.numerics_seen import in_steps_as_seen
 from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.force_balance import procedure as force_balance
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
+from mpge_jax.diagnosis.measurement.numerics_seen import in_steps_as_seen
 from mpge_jax.diagnosis.recordings.reader import read
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.selection import checkpoint

@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.evidence.held_out_error import (
     errors_without,
     fit_report,
 )
-from mpge_jax.diagnosis.evidence.numerics_seen import numerics_seen
+from mpge_jax.diagnosis.measurement.numerics_seen import numerics_seen
 from mpge_jax.diagnosis.residual.model import with_residual
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.selection.criteria import may_be_none

@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, STEP, numerics, robust_loss, whitener
-from mpge_jax.diagnosis.evidence.numerics_seen import in_steps_as_seen, numerics_seen
+from mpge_jax.diagnosis.measurement.numerics_seen import in_steps_as_seen, numerics_seen
 from mpge_jax.diagnosis.selection.alternatives import find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.competition import at_noise
