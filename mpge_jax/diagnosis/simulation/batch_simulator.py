@@ -95,7 +95,7 @@ class Simulator:
         threads: of the engine. work: steps that were asked for, by cost: nv^1.5 each, four times that with
         Runge-Kutta. stride: steps that are simulated as one where what a change does is asked for
         (`cheaper_steps.stride`). known: what was simulated, which is not done twice. always: terms with their flat
-        parameters that act in every run. guided: degrees of freedom that move as recorded.
+        parameters that act in every run. guided: degrees of freedom that move as recorded. timestep: the model's (s).
     """
 
     model: mujoco.MjModel
@@ -106,9 +106,11 @@ class Simulator:
     known: Remembered = field(default_factory=Remembered)
     always: tuple[Hypothesis, Array] = (Hypothesis(), np.zeros(0))
     guided: tuple[int, ...] = ()
+    timestep: float = 0.0
     _larger: tuple[Windows, int, Windows] | None = None
 
     def __post_init__(self) -> None:
+        self.timestep = self.timestep or float(self.model.opt.timestep)
         self.model = _bare(self.model)
         self.ctx = replace(self.ctx, model=self.model)
 
@@ -128,8 +130,9 @@ class Simulator:
     def cheaply(self, runs: list[Run], w: Windows, exactly: Array | None = None) -> Array:
         """As `residuals`, in larger steps, and semi-implicit ones for those that evaluate the dynamics four times:
         differences between runs are told far better than runs. Where parts strike each other each step decides, so
-        that such runs are simulated in the model's own, as are those [R] that are asked for `exactly`."""
-        own_steps = np.array([run.hypothesis.rugged for run in runs], dtype=bool)
+        that such runs are simulated in steps no larger than the model's; those [R] that are asked for `exactly` as by
+        `residuals`."""
+        own_steps = self.own_steps(runs, w)
         if exactly is not None:
             own_steps |= exactly
         if own_steps.any():
@@ -144,6 +147,12 @@ class Simulator:
             self._larger = w, self.stride, w if self.stride == 1 else w.in_larger_steps(self.stride)
         with self.integrator(mujoco.mjtIntegrator.mjINT_EULER if fourfold else own):
             return self.residuals(runs, self._larger[2])
+
+    def own_steps(self, runs: list[Run], w: Windows) -> Array:
+        """Which runs [R] are simulated in the windows' own steps where cheaper ones are asked for."""
+        fourfold = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        other = fourfold or self.stride * w.dt > 1.001 * self.timestep
+        return np.array([other and run.hypothesis.rugged for run in runs], dtype=bool)
 
     def rugged(self, hypothesis: Hypothesis) -> bool:
         """Whether things strike each other, inside the drives or out, which makes losses rugged."""

@@ -44,7 +44,7 @@ class Near:
         if self.offset is None:
             return self.sim.residuals(runs, self.w)
         out = self.sim.cheaply(runs, self.w)
-        out[[not run.hypothesis.rugged for run in runs]] += self.offset
+        out[~self.sim.own_steps(runs, self.w)] += self.offset
         return out
 
 

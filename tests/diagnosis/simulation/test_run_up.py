@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation import batch_simulator
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.cheaper_steps import Near
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.run_up import run_up
@@ -117,6 +120,21 @@ def test_memories_of_other_effects_stay_those_of_the_start(chattering, monkeypat
     theta = h.gather(ctx, {BACKLASH: GAP, elastic: elastic.effect.starts(ctx, HINGE)[0]})
     chattering.sim.residuals([Run(h, theta)], chattering.train)
     assert dict(seen) == {BACKLASH.id: False, elastic.id: True}
+
+
+def test_gaps_are_looked_for_in_steps_no_larger_than_the_models(chattering):
+    """Larger ones miss what strikes; of finer ones so many are one as make the model's own."""
+    w, sim = chattering.train, dataclasses.replace(chattering.sim, stride=4, known=Remembered())
+    runs = [Run(Hypothesis.of(BACKLASH), GAP), Run(Hypothesis.of(SPRING), np.array([8.0, 0.2]))]
+    assert sim.own_steps(runs, w).tolist() == [True, False]
+    assert sim.own_steps(runs, w.refined(2)).tolist() == [True, False]
+    fine = w.refined(4)
+    assert sim.own_steps(runs, fine).tolist() == [False, False]
+    with sim.integrator(mujoco.mjtIntegrator.mjINT_RK4):
+        assert sim.own_steps(runs, fine).tolist() == [True, False]
+    # what a known run tells of the difference holds for those beside it
+    near = Near.to(sim, runs[0], fine)
+    np.testing.assert_allclose(near.residuals(runs[:1]), sim.residuals(runs[:1], fine), atol=1e-12)
 
 
 def test_what_touches_goes_along_and_what_is_apart_does_not():
