@@ -102,15 +102,6 @@ class Drive(Effect):
         """Twist that carries a torque, which falls with the twist as a servo's does (`hold`: by how much)."""
         raise NotImplementedError
 
-    def fades(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
-        """Seconds [n] after which the motor has forgotten where it was."""
-        raise NotImplementedError
-
-    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
-        """Until it fades, where the torques before the start are known: no filter holds them."""
-        known = all(has_plain_law(ctx.model, a) for a in actuators_of_joint(ctx.model, place.index))
-        return self.fades(ctx, place, theta) if known else np.zeros(len(theta))
-
     def memory(self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step) -> Any:
         q, v = s.q[..., ctx.qadr(place)], s.v[..., ctx.dof(place)]
         torque, hold, _ = _Motors(xp, ctx, place, s).torque(xp, 0 * q, 0 * q)
@@ -152,10 +143,16 @@ class JointFlexibility(Drive):
         return []
 
     def fades(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
-        """Three time constants with which the motor swings, or creeps, to its rest."""
+        """Seconds [n] after which the motor has forgotten where it was: three time constants with which it swings, or
+        creeps, to its rest."""
         inertia = rotor_inertia(ctx.model, place.index)
         stiffness, damping = np.maximum(theta, 1e-12).T
         return np.maximum(6.0 * inertia / damping, 3.0 * damping / stiffness)
+
+    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
+        """Until it fades, where the torques before the start are known: no filter holds them."""
+        known = all(has_plain_law(ctx.model, a) for a in actuators_of_joint(ctx.model, place.index))
+        return self.fades(ctx, place, theta) if known else np.zeros(len(theta))
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
@@ -221,10 +218,6 @@ class Backlash(Drive):
     def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
         """A gap alone is enough."""
         return super().from_report(ctx, place, {"restitution": BOUNCE, **values})
-
-    def remembers(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
-        """Nothing of the motion alone: a link that does not give way tells little of a motor that strikes it."""
-        return np.zeros(len(theta))
 
     def resumed(
         self, theta: Array, memory: Any, reached: tuple[Array, Array], start: tuple[Array, Array]

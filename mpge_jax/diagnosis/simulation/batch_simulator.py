@@ -122,10 +122,14 @@ class Simulator:
         """The same machine where hinges and slides move as recorded."""
         return replace(self, guided=dofs, known=Remembered(), _larger=None)
 
+    @property
+    def fourfold(self) -> bool:
+        """Whether a step evaluates the dynamics four times."""
+        return bool(self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4)
+
     def costly(self, w: Windows) -> bool:
         """Whether there are so many steps that cheaper ones show what a change does nearly as well."""
-        fourfold = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        return bool(fourfold or self.stride > 1) and w.steps >= MANY_STEPS
+        return (self.fourfold or self.stride > 1) and w.steps >= MANY_STEPS
 
     def cheaply(self, runs: list[Run], w: Windows, exactly: Array | None = None) -> Array:
         """As `residuals`, in larger steps, and semi-implicit ones for those that evaluate the dynamics four times:
@@ -142,16 +146,14 @@ class Simulator:
                     out[each] = told([runs[i] for i in np.flatnonzero(each)], w)
             return out
         own = self.model.opt.integrator
-        fourfold = own == mujoco.mjtIntegrator.mjINT_RK4
         if self._larger is None or self._larger[0] is not w or self._larger[1] != self.stride:
             self._larger = w, self.stride, w if self.stride == 1 else w.in_larger_steps(self.stride)
-        with self.integrator(mujoco.mjtIntegrator.mjINT_EULER if fourfold else own):
+        with self.integrator(mujoco.mjtIntegrator.mjINT_EULER if self.fourfold else own):
             return self.residuals(runs, self._larger[2])
 
     def own_steps(self, runs: list[Run], w: Windows) -> Array:
         """Which runs [R] are simulated in the windows' own steps where cheaper ones are asked for."""
-        fourfold = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        other = fourfold or self.stride * w.dt > 1.001 * self.timestep
+        other = self.fourfold or self.stride * w.dt > 1.001 * self.timestep
         return np.array([other and run.hypothesis.rugged for run in runs], dtype=bool)
 
     def rugged(self, hypothesis: Hypothesis) -> bool:
@@ -173,17 +175,15 @@ class Simulator:
         keys = [(w.digest, id(w.sources), int(self.model.opt.integrator), run.key) for run in runs]
         new, per = self.known.recall(keys, out), max(1, CHUNK // max(w.count, 1))
         # those with a run-up take several times as long
-        new.sort(key=lambda i: runs[i].hypothesis.rugged)
-        plain = sum(not runs[i].hypothesis.rugged for i in new)
         with quiet():
-            for some in (new[:plain], new[plain:]):
+            for rugged in (False, True):
+                some = [i for i in new if runs[i].hypothesis.rugged == rugged]
                 for a in range(0, len(some), per):
                     part = some[a : a + per]
                     out[part] = self._chunk([runs[i] for i in part], w)
         self.known.keep(keys, out, new, w.sources)
         # what is decided by the work does not hang on what is remembered
-        fourfold = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        self.work += len(runs) * w.count * w.steps * self.model.nv**1.5 * (4 if fourfold else 1)
+        self.work += len(runs) * w.count * w.steps * self.model.nv**1.5 * (4 if self.fourfold else 1)
         return out
 
     def _chunk(self, runs: list[Run], w: Windows) -> Array:

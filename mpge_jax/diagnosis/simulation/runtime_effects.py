@@ -152,13 +152,14 @@ class Runtime:
                 [n, nu] of a step, negative before the start.
         """
         self.recall()
-        s = self._step()
+        s, past = self._step(), None
         for g in self.groups:
             seconds = g.term.effect.remembers(self.ctx, g.term.place, g.theta)
             steps = np.minimum(np.ceil(seconds / w.dt), w.history).astype(int)
             if steps.any():
+                past = w.before(self.model) if past is None else past
                 part = _rows(s, g.rows)
-                g.memory = self._followed(g, steps, w, window[g.rows], moved[g.rows], commanded, part)
+                g.memory = self._followed(g, steps, w, window[g.rows], moved[g.rows], commanded, part, past)
 
     def refresh(self) -> None:
         """Let what equations read of the engine follow from the present states."""
@@ -186,12 +187,13 @@ class Runtime:
         moved: Array,
         commanded: Callable[[int], Array],
         now: Step,
+        past: tuple[Array, Array, Array],
     ) -> Any:
         """The memory at the start after as many `steps` [n] of the joint's recorded motion, where there are so many.
         Where a start is moved, the motion before it is moved along."""
         effect, place, each = g.term.effect, g.term.place, np.arange(window.size)
         qadr, dof, count = self.ctx.qadr(place), self.ctx.dof(place), int(steps.max())
-        past_q, past_v, ago = (x[window, -count:] for x in w.before(self.model))
+        past_q, past_v, ago = (x[window, -count:] for x in past)
         aside, moved_v = now.q[:, qadr] - w.q0[window, qadr], moved[:, dof]
         before = [
             (other, *np.intersect1d(g.rows, other.rows, return_indices=True)[1:])

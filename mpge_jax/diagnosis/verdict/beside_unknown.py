@@ -37,29 +37,30 @@ def beside_unknown(
     if left is None:
         return found, held
     at = describe(p, left, 1.0)["at"]
+    anywhere = list(dict.fromkeys([*at, *describe(p, found.left, 1.0)["at"]]))
     say("asking what one unknown force explains")
-    instead = _beside_functions(p, s, found, at, say)
-    if instead is None:
-        more = [x for x in describe(p, found.left, 1.0)["at"] if x not in at]
-        instead = elsewhere(p, s, found, [*at, *more], say)
+    instead = _beside_functions(p, s, found, at, anywhere, say) or elsewhere(p, s, found, anywhere, say)
     return (found, held) if instead is None else (instead, fit_report(p, instead.fit, "test"))
 
 
 def _beside_functions(
-    p: Prepared, s: Search, found: Decision, at: list[str], say: Callable[[str], None]
+    p: Prepared, s: Search, found: Decision, at: list[str], anywhere: list[str], say: Callable[[str], None]
 ) -> Decision | None:
     """What is found beside a function of what goes on where something acts that has no name; None where no function
-    explains far more than what was found does."""
+    explains far more than what was found does.
+
+    Args:
+        at: where the model as given misses. anywhere: there, and where what was found does.
+    """
     functions, unknown = functions_of_motion(p, s, NOTHING, at)
     named = found.fit.hypothesis.named
     # all that has a name is given up for much more alone
     better = _far_better if named else predicts_better
     if not functions or not better(p, unknown, found.fit):
         return None
-    if named and found.left is not None:
+    if named:
         # and such functions may act beside it as well
-        more = [x for x in describe(p, found.left, 1.0)["at"] if x not in at]
-        _, both = functions_of_motion(p, s, found.fit, [*at, *more])
+        _, both = functions_of_motion(p, s, found.fit, anywhere)
         if not _far_better(p, unknown, both):
             return None
     say("looking for what acts beside it")

@@ -33,9 +33,9 @@ def elsewhere(
     Args:
         at: joints or actuators at which something is left, likeliest first.
     """
-    joints = dict.fromkeys(j for name in at for j in joints_at(p, name) if is_scalar(p.model, j))
     if p.model.njnt < 2 or p.ctx.contacts:
         return None
+    joints = dict.fromkeys(j for name in at for j in joints_at(p, name) if is_scalar(p.model, j))
     for joint in list(joints)[:TRIES]:
         name = p.names.joints[joint]
         say(f"looking for what acts elsewhere while the {name} moves as recorded")
