@@ -51,13 +51,18 @@ def plain(value: Any) -> Any:
 
 def versions() -> dict[str, str]:
     """The project's commit, versions of what else results depend on, and the kind of machine."""
-    device = jax.devices()[0]
     return {
         "commit": commit(),
         "python": platform.python_version(),
         **{name: version(name) for name in _PACKAGES},
-        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, {device.device_kind}",
+        "machine": machine(),
     }
+
+
+def machine() -> str:
+    """The kind of machine: system, processors, and what JAX computes on."""
+    device = jax.devices()[0]
+    return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, {device.device_kind}"
 
 
 def commit(root: Path = ROOT) -> str:
@@ -125,8 +130,8 @@ class SweepFolder:
         """
         folder = self.cell(method, samples)
         folder.mkdir(parents=True, exist_ok=True)
-        # a sweep may go on with a later version of the code
-        rows = [{**row, "commit": commit()} for row in rows]
+        # a sweep may go on with a later version of the code, and elsewhere
+        rows = [{**row, "commit": commit(), "machine": machine()} for row in rows]
         if transformers is not None:
             leaves, _ = jax.tree_util.tree_flatten_with_path(transformers)
             arrays = {

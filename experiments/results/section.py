@@ -165,17 +165,22 @@ def image(what: str, picture: Path, page: Path) -> str:
 
 
 def _where(sweep: Sweep) -> str:
-    """Machine, versions and commit; and which methods ran by another commit than the sweep began with."""
+    """Machine, versions and commit; and which cells are of another machine or commit than the sweep began with."""
     versions = sweep.versions
     shown = ", ".join(f"{name} {versions[name]}" for name in ("jax", "mujoco") if name in versions)
-    first = versions.get("commit", "?")
-    later: dict[str, list[str]] = {}
-    for row in sweep.rows:
-        methods = later.setdefault(row.get("commit", first), [])
-        if row["method"] not in methods:
-            methods.append(row["method"])
-    others = "".join(f" ({', '.join(m)}: {name})" for name, m in later.items() if name != first)
     return (
-        f"{versions.get('machine', 'unknown machine')}; commit {first}{others}, "
+        f"{_since(sweep, 'machine', 'unknown machine')}; commit {_since(sweep, 'commit', '?')}, "
         f"Python {versions.get('python', '?')}, {shown}"
     )
+
+
+def _since(sweep: Sweep, name: str, unknown: str) -> str:
+    """A version that the sweep began with, and the cells that have another."""
+    first = sweep.versions.get(name, unknown)
+    others: dict[str, list[str]] = {}
+    for row in sweep.rows:
+        cells = others.setdefault(row.get(name, first), [])
+        cell = f"{row['method']} at {row['samples']:,}" if row["samples"] else row["method"]
+        if cell not in cells:
+            cells.append(cell)
+    return first + "".join(f" ({', '.join(c)}: {value})" for value, c in others.items() if value != first)

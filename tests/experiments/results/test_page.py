@@ -168,17 +168,20 @@ def test_no_folders_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         results.find(())
 
 
-def test_methods_that_ran_by_a_later_commit_are_told(folder: Path, tmp_path: Path) -> None:
+def test_cells_of_a_later_commit_or_of_another_machine_are_told(folder: Path, tmp_path: Path) -> None:
     record = json.loads((folder / "results.json").read_text())
-    first, method = record["versions"]["commit"], record["rows"][-1]["method"]
+    first, here = record["versions"]["commit"], record["versions"]["machine"]
+    last = {name: record["rows"][-1][name] for name in ("method", "samples")}
+    cell = f"{last['method']} at {last['samples']:,}" if last["samples"] else last["method"]
     plain = results.page(results.Args((folder,), tmp_path / "docs" / "results.md"))
-    assert f"commit {first}, Python" in plain
+    assert f"{here}; commit {first}, Python" in plain
     record["rows"] = [
-        {**row, "commit": "0123abc"} if row["method"] == method else row for row in record["rows"]
+        {**row, "commit": "0123abc", "machine": "a GPU"} if last.items() <= row.items() else row
+        for row in record["rows"]
     ]
     (folder / "results.json").write_text(json.dumps(record))
     told = results.page(results.Args((folder,), tmp_path / "docs" / "results.md"))
-    assert f"commit {first} ({method}: 0123abc), Python" in told
+    assert f"{here} ({cell}: a GPU); commit {first} ({cell}: 0123abc), Python" in told
 
 
 def test_the_kept_results_give_the_page_that_the_project_shows(tmp_path: Path) -> None:
