@@ -66,18 +66,30 @@ def _case(folder: Path, effects: list[Effect], late: bool = False, unknown: bool
     return answer
 
 
-@pytest.mark.parametrize("late", [False, True])
 def test_sizes_are_those_that_the_recordings_show_not_those_that_were_told(
-    tmp_path: Path, late: bool, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     # three are enough: all further ones look for what is better by less than a millionth
     monkeypatch.setattr(told, "ITERATIONS", 3)
-    answer = _case(tmp_path, [DAMPING, GAIN], late)
+    answer = _case(tmp_path, [DAMPING, GAIN])
     for e, wrong in zip(answer["effects"], ({"coefficient": 0.08}, {"gain": 0.6}), strict=True):
         e["parameters"] = wrong
     damping, gain = Rival.of(tmp_path / "cases" / "case_000", answer).fitted()
     assert damping.number("coefficient") == pytest.approx(0.05, rel=0.1)
     assert gain.number("gain") == pytest.approx(0.8, rel=0.03)
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_a_command_acts_when_it_was_given_logged_a_row_late_or_not(tmp_path: Path, late: bool):
+    windows = Rival.of(tmp_path / "cases" / "case_000", _case(tmp_path, [], late)).windows
+    model = tmp_path / "cases" / "case_000" / "model.xml"
+    given_of = [_columns(model, [], seed)["ctrl"] for seed in range(2)]
+    assert len(windows) == told.WINDOWS
+    for number, w in enumerate(windows):
+        seed = 0 if number < told.WINDOWS // 2 else 1
+        given = given_of[seed]
+        rows = int(round((w.begin - 3.0) / 0.01)) + np.arange(len(w.ctrl))
+        np.testing.assert_array_equal(w.ctrl, given[rows])
 
 
 def test_vectors_and_whole_numbers():
