@@ -88,7 +88,7 @@ def test_a_command_acts_when_it_was_given_logged_a_row_late_or_not(tmp_path: Pat
     for number, w in enumerate(windows):
         seed = 0 if number < told.WINDOWS // 2 else 1
         given = given_of[seed]
-        rows = int(round((w.begin - 3.0) / 0.01)) + np.arange(len(w.ctrl))
+        rows = round((w.begin - 3.0) / 0.01) + np.arange(len(w.ctrl))
         np.testing.assert_array_equal(w.ctrl, given[rows])
 
 

@@ -28,7 +28,8 @@ class Problem:
         verified: where the model's own steps told the residuals last, if cheaper ones stand for them. exact: [W, N,
         2 nv] these residuals, empty where not known yet. offset: [W, N, 2 nv] the same less those of the cheaper steps.
         exactly: whether it goes by the model's own steps, as cheaper ones led it astray.
-        stride: length of finite differences, in usual ones. smooth: whether slopes tell where to go.
+        stride: length of finite differences, in usual ones. smooth: whether slopes tell where to go. detoured: whether
+        the effects' own proposals were tried.
         small: steps without a gain. last: whether the step promises no further gain after it. done: whether it ended.
     """
 
@@ -44,6 +45,7 @@ class Problem:
     exactly: bool = False
     stride: float = 1.0
     smooth: bool = False
+    detoured: bool = False
     small: int = 0
     last: bool = False
     done: bool = False

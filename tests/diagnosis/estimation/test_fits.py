@@ -10,6 +10,7 @@ import pytest
 
 from mpge_jax.diagnosis.effects.context import Param
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation import levenberg_marquardt
 from mpge_jax.diagnosis.estimation.covariance import finish, jackknife, recordings_differ, widened
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import _better, _tried, fit, timing_error
@@ -60,6 +61,27 @@ def test_a_step_that_goes_nowhere_is_no_gain(rubbing):
     trials = [(problem, f.theta.copy()), (problem, f.theta + 0.01)]
     ((better, _),) = _better(_tried(s.sim, trials, s.train, white)).values()
     assert better.theta == f.theta + 0.01
+
+
+def test_detours_are_taken_at_first_and_then_where_slopes_lead_nowhere(rubbing, monkeypatch):
+    s, _ = rubbing
+    aside, seen = 0.7, []
+
+    def tried(sim, trials, w, white):
+        found = _tried(sim, trials, w, white)
+        detours = [bool(np.allclose(t - p.fit.theta, aside)) for p, t in trials]
+        seen.append((any(detours), any(f.loss < p.fit.loss for p, f, _ in found)))
+        return found
+
+    monkeypatch.setattr(levenberg_marquardt, "without_slopes", lambda p, ctx: [p.fit.theta + aside])
+    monkeypatch.setattr(levenberg_marquardt, "_tried", tried)
+    start = fitted(s, {DAMPING: [0.0]})
+    fit(s.sim, [start], s.train, s.whiten_one(start, s.train))
+    # of each iteration, what is tried at once and what only where that is no better
+    (at_once, _), *later = zip(seen[::2], seen[1::2], strict=True)
+    assert at_once == (True, True)
+    assert {(better, detour) for (_, better), (detour, _) in later} == {(True, False), (False, True)}
+    assert not any(detour for (detour, _), _ in later)
 
 
 def test_times_are_known_to_a_part_of_a_timestep():
