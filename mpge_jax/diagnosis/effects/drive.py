@@ -55,7 +55,7 @@ class _Motors:
             self.direct = self.direct + gear * applied[..., a]
             slopes = gear * s.f_position[..., a], gear * s.f_velocity[..., a]
             # not asked of the model: other effects may give a plain motor a slope
-            if xp is np and not any(map(np.any, slopes)):
+            if xp is np and not (slopes[0].any() or slopes[1].any()):
                 self._held = self._held + gear * within(s.f_free[..., a], *limits)
             else:
                 self._servos.append((gear, s.f_free[..., a], slopes, *limits))

@@ -270,11 +270,9 @@ def floating_base_joints(model: mujoco.MjModel) -> set[int]:
 
 
 def actuators_of_joint(model: mujoco.MjModel, joint: int) -> list[int]:
-    return [
-        a
-        for a in range(model.nu)
-        if is_joint_transmission(model, a) and int(model.actuator_trnid[a, 0]) == joint
-    ]
+    # asked at every step of what drives hide
+    drives = enumerate(model.actuator_trnid[:, 0].tolist())
+    return [a for a, driven in drives if driven == joint and is_joint_transmission(model, a)]
 
 
 def free_inertia(model: mujoco.MjModel, factor: np.ndarray, dof: int) -> np.ndarray:

@@ -49,6 +49,8 @@ class Runtime:
         self.model, self.ctx, self.batch, self.groups = model, ctx, batch, groups
         self.push, self.dt, self.batch_size = push, dt, len(push)
         m = model
+        self.qpos, self.qvel = batch.bind("qpos"), batch.bind("qvel")
+        self.ctrl = batch.bind("ctrl") if m.nu else None
         self.qfrc = batch.bind("qfrc_applied")
         self.xfrc = batch.bind("xfrc_applied")
         self.dry_base = None
@@ -88,8 +90,7 @@ class Runtime:
         self.gear = m.actuator_gear[:, 0] if m.nu else np.zeros(0)
 
     def _step(self) -> Step:
-        m, b = self.model, self.batch
-        return self._observe(b.bind("qpos"), b.bind("qvel"), b.bind("ctrl") if m.nu else None)
+        return self._observe(self.qpos, self.qvel, self.ctrl)
 
     def _observe(self, q: Array, v: Array, u: Array | None, rows: Array | None = None) -> Step:
         """What the equations may read of some simulations (all, by default) in states q, v under commands u."""
@@ -260,7 +261,8 @@ class Runtime:
                     self.qfrc[rows, dof] += self.gear[a] * forces.actuator
                 else:
                     gain = np.broadcast_to(self.gain[..., a, 0], (self.batch_size,))[rows]
-                    self.batch.bind("ctrl")[rows, a] += forces.actuator / gain
+                    assert self.ctrl is not None
+                    self.ctrl[rows, a] += forces.actuator / gain
         if self.dry_base is not None:
             np.maximum(self.dry, 0.0, out=self.dry)
 
