@@ -86,10 +86,8 @@ def test_a_command_acts_when_it_was_given_logged_a_row_late_or_not(tmp_path: Pat
     given_of = [_columns(model, [], seed)["ctrl"] for seed in range(2)]
     assert len(windows) == told.WINDOWS
     for number, w in enumerate(windows):
-        seed = 0 if number < told.WINDOWS // 2 else 1
-        given = given_of[seed]
         rows = round((w.begin - 3.0) / 0.01) + np.arange(len(w.ctrl))
-        np.testing.assert_array_equal(w.ctrl, given[rows])
+        np.testing.assert_array_equal(w.ctrl, given_of[2 * number // told.WINDOWS][rows])
 
 
 def test_vectors_and_whole_numbers():

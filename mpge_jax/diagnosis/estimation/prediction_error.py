@@ -69,7 +69,7 @@ def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Arr
 
 
 def _shaken_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Array) -> Array:
-    """Mean square error of positions in each window as noise in the forces of every row makes it."""
+    """Mean square error of positions in each window as noise in the forces of every row makes it, from told starts."""
     if not shaken.any():
         return np.zeros(w.count)
     rng, run = np.random.default_rng(0), [Run(f.hypothesis, f.theta)]
@@ -97,7 +97,7 @@ def numerical_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts
         moves = [a * changed[kind] for kind, a in amounts.items() if kind in changed]
         return [np.sum([np.zeros((*whole.seen.shape, 2 * sim.model.nv)), *moves], axis=0)]
 
-    return _from_told_starts(sim, f, w, noise, change)
+    return _from_told_starts(sim, f, told(sim, f, w, column_scale(noise, sim.model)), noise, change)
 
 
 def _from_told_starts(
@@ -106,7 +106,6 @@ def _from_told_starts(
     """Mean square [W] of the positions by changes [W, N, 2 nv] of the prediction, from starts that follow them: the
     mean over all that are drawn."""
     nv, scale = sim.model.nv, column_scale(noise, sim.model)
-    w = told(sim, f, w, scale)
     cov = left_open(sim, f, w, scale)
     whole = replace(w, seen=w.seen | w.lead, lead=np.zeros_like(w.lead))
     columns = np.nan_to_num(changes(sim, start_runs(f.hypothesis, f.theta, whole), whole))

@@ -39,23 +39,23 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
     """The fit without the effects that one part's recordings speak against or do not need; with its errors there, and
     those effects, of which warnings tell."""
     f, adding = _without_what_adds(p, s, f, part)
-    f, needless = _needed(p, s, f, part)
+    f, needless, report = _needed(p, s, f, part)
     while needless:
         # what is left is another fit, and may add now
         f, more = _without_what_adds(p, s, f, part)
         if not more:
             break
-        f, gone = _needed(p, s, f, part)
+        f, gone, report = _needed(p, s, f, part)
         adding, needless = adding + more, needless | gone
     p.warnings += left_out(adding, ADDS)
     for why in dict.fromkeys(needless.values()):
         p.warnings += left_out([t for t, its in needless.items() if its == why], why)
-    return f, fit_report(p, f, part), [*adding, *needless]
+    return f, report, [*adding, *needless]
 
 
-def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict[Term, str]]:
+def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict[Term, str], FitReport]:
     """The fit without the effects that do not make one part's recordings better predicted, over windows of the reported
-    length, beyond doubt; and those effects with why they went.
+    length, beyond doubt; those effects with why they went; and the errors of that fit.
 
     One is taken away at a time, as others may stand in for it, and the others are fitted again. All that went together
     must not be missed either, nor may what is left predict no better than the model as given where more did: what each
@@ -78,8 +78,9 @@ def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict
         gone[weakest] = NOT_SHOWN if idle else BY_CHANCE
         f, report, best = fewer, its, min(best, its.after, key=lambda e: e.rms)
     if f.hypothesis.terms and not _helps(report):
-        f, gone = NOTHING, gone | dict.fromkeys(f.hypothesis.terms, BY_CHANCE)
-    return f, gone
+        gone |= dict.fromkeys(f.hypothesis.terms, BY_CHANCE)
+        f, report = NOTHING, fit_report(p, NOTHING, part)
+    return f, gone, report
 
 
 def _without_what_adds(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, list[Term]]:
