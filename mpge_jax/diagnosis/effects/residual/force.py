@@ -23,12 +23,11 @@ FADES = 0.5
 def splines(xp: Any, x: Array, count: int) -> list[Array]:
     """`count` uniform cubic B-splines over [0, 1] at x [...]; outside as at the ends. They sum to one."""
     t = xp.clip(x, 0.0, 1.0) * (count - 3)
-    out = []
-    for k in range(count):
-        u = xp.abs(t - (k - 1))
-        near, far = 2.0 / 3.0 - u**2 + 0.5 * u**3, xp.maximum(2.0 - u, 0.0) ** 3 / 6.0
-        out.append(xp.where(u < 1.0, near, far))
-    return out
+    u = xp.abs(t[None] - np.arange(-1.0, count - 1.0).reshape(count, *(1,) * np.ndim(t)))
+    rest = xp.maximum(2.0 - u, 0.0)
+    # products: numpy takes ten times as long for a third power
+    near, far = 2.0 / 3.0 - u * u * (1.0 - 0.5 * u), rest * rest * rest / 6.0
+    return list(xp.where(u < 1.0, near, far))
 
 
 class Residual(Effect):
