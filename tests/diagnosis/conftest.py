@@ -5,8 +5,10 @@ from __future__ import annotations
 import mujoco
 import pytest
 
+from mpge_jax.diagnosis import pipeline
 from mpge_jax.diagnosis.residual import motion
 from mpge_jax.diagnosis.residual.inputs import functions
+from mpge_jax.diagnosis.verdict import judgement
 from tests.diagnosis.machines import COARSE, PENDULUM, really_sticks, record
 from tests.diagnosis.searches import search_of
 
@@ -33,6 +35,13 @@ def rubbing():
 def rubbing_coarsely():
     """For what is simulated long."""
     return _rubs(COARSE)
+
+
+@pytest.fixture
+def left_alone(monkeypatch):
+    """What is left is told and no more: nothing is looked for beside it, and no function models it."""
+    monkeypatch.setattr(pipeline, "beside_unknown", lambda p, s, found, held, say: (found, held))
+    monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: None)
 
 
 @pytest.fixture(scope="module")

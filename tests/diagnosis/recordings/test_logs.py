@@ -67,7 +67,7 @@ def test_a_pause_in_a_log_of_forces_costs_nothing():
     assert log.u.size < 210 + PAUSE / 1e-2 and log.time[-1] == time[-1]
 
 
-def test_what_is_unexplained_is_told_in_the_logs_own_time(plain_functions):
+def test_what_is_unexplained_is_told_in_the_logs_own_time(left_alone):
     """Something unknown holds the machine for a while; its clock began in 1970."""
 
     def hold(_model: mujoco.MjModel, data: mujoco.MjData) -> None:

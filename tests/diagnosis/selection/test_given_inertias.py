@@ -163,8 +163,10 @@ def test_physics_is_named_beside_inexact_masses():
     assert abs(found["value"] - 0.15) < 0.006
 
 
-def test_masses_that_are_exact_are_left_alone(off, plain_functions):
-    d = diagnose(mujoco.MjSpec.from_string(ARM), off, replace(LIKE_A_MASS, masses_within=0.0))
+def test_masses_that_are_exact_are_left_alone(off, left_alone):
+    # one effect is enough to stand for them
+    exact = replace(LIKE_A_MASS, masses_within=0.0, effects=("payload_mass", "mass_scale"), max_effects=1)
+    d = diagnose(mujoco.MjSpec.from_string(ARM), off, exact)
     assert d.given_inertias is None and d.verdict != "none"
     with pytest.raises(ValueError, match="masses_within must lie between 0 and"):
         Config(masses_within=0.4)

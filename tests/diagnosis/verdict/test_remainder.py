@@ -6,10 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis import Config, Recording, diagnose, pipeline
+from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
-from mpge_jax.diagnosis.verdict import judgement
 from mpge_jax.diagnosis.verdict.judgement import struck
 from tests.diagnosis.machines import ARM, record
 
@@ -51,10 +50,7 @@ def _flights(rotor: int) -> list[Recording]:
         ("elbow", 0.08, ["elbow", "shoulder"]),
     ],
 )
-def test_a_rough_spot_is_placed_where_force_at_one_joint_alone_explains_most(joint, width, at, monkeypatch):
-    # where it is does not hang on what stands for it
-    monkeypatch.setattr(pipeline, "beside_unknown", lambda p, s, found, held, say: (found, held))
-    monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: None)
+def test_a_rough_spot_is_placed_where_force_at_one_joint_alone_explains_most(joint, width, at, left_alone):
 
     def spot(m: mujoco.MjModel, d: mujoco.MjData) -> None:
         dof = m.joint(joint).dofadr[0]
