@@ -14,7 +14,9 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.held_out_error import left_out
+from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.machine.model import is_scalar
+from mpge_jax.diagnosis.selection.confirmation import refitted
 from mpge_jax.diagnosis.selection.procedure import Decision, decide, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
@@ -28,7 +30,8 @@ def elsewhere(
     p: Prepared, s: Search, found: Decision, at: list[str], say: Callable[[str], None]
 ) -> Decision | None:
     """What was found at the one joint at which something acts that has no name, with what is found at the others while
-    it moves as recorded; None where that leaves something of their motion at each joint that it may be.
+    it moves as recorded; None where that leaves something of their motion at each joint that it may be, or tells it no
+    better than what was found there before: that nothing speaks for an effect does not speak against it.
 
     Args:
         at: joints or actuators at which something is left, likeliest first.
@@ -48,7 +51,12 @@ def elsewhere(
             break
     else:
         return None
-    here = Hypothesis.of(*(t for t in found.fit.hypothesis.terms if _only_at(p, t, joint)))
+    terms = found.fit.hypothesis.terms
+    here, there = (
+        Hypothesis.of(*(t for t in terms if _only_at(p, t, joint) == at_it)) for at_it in (True, False)
+    )
+    if not _tells_more(search, others.fit, found.fit.of_terms(p.ctx, there)):
+        return None
     fit = _together(p, found.fit, here, others.fit)
     gone = [t for t in found.fit.hypothesis.named if t not in fit.hypothesis.terms]
     p.warnings[:] = machine.warnings + left_out(
@@ -57,6 +65,12 @@ def elsewhere(
     noise, left = what_is_left(p, fit, s)
     rivals = {t: r for t, r in found.rivals.items() if t in here.terms} | others.rivals
     return Decision(fit, rivals, noise, left, s)
+
+
+def _tells_more(s: Search, new: Fitted, old: Fitted) -> bool:
+    """Whether windows of the machine whose joint moves as recorded are better predicted by `new` beyond doubt."""
+    before, after = s.score([refitted(s, old), new], s.whiten(new))
+    return clearly_worse(before, after)
 
 
 def _only_at(p: Prepared, term: Term, joint: int) -> bool:

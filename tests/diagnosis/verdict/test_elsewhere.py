@@ -83,12 +83,24 @@ def test_joints_are_tried_until_nothing_is_left_of_the_others(arm, monkeypatch):
     s, p = arm
     found = Decision(NOTHING, {}, Floor(), None, s)
     p.warnings[:] = ["before"]
+    monkeypatch.setattr(module, "_tells_more", lambda *_: True)
     guided = _answers(monkeypatch, True, False, True, True, True)
     answer = elsewhere(p, s, found, ["elbow", "elbow_servo", "shoulder"], QUIET)
     assert answer is not None and answer.fit is NOTHING and guided == [1, 0]
     guided.clear()
     assert elsewhere(p, s, found, ["elbow", "shoulder"], QUIET) is None
     assert guided == [1, 0] and p.warnings == ["before"]
+
+
+def test_what_a_search_elsewhere_does_not_find_stays_unless_it_tells_the_motion_better(arm, monkeypatch):
+    s, p = arm
+    p.warnings[:] = ["before"]
+    _answers(monkeypatch, False, False)
+    rubs, nothing = (Decision(f, {}, Floor(), None, s) for f in (fitted(s, {RUBS: [0.1]}), NOTHING))
+    # nothing is found while the shoulder moves as recorded: the friction that is there is not spoken against
+    assert elsewhere(p, s, rubs, ["shoulder"], QUIET) is None
+    assert elsewhere(p, s, nothing, ["shoulder"], QUIET) is None
+    assert p.warnings == ["before"]
 
 
 def test_what_acts_at_the_guided_joint_alone_is_not_looked_for(arm, monkeypatch):
