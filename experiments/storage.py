@@ -131,7 +131,8 @@ class SweepFolder:
         folder = self.cell(method, samples)
         folder.mkdir(parents=True, exist_ok=True)
         # a sweep may go on with a later version of the code, and elsewhere
-        rows = [{**row, "commit": commit(), "machine": machine()} for row in rows]
+        made = {"commit": commit(), "machine": machine()}
+        rows = [{**row, **made} for row in rows]
         if transformers is not None:
             leaves, _ = jax.tree_util.tree_flatten_with_path(transformers)
             arrays = {

@@ -44,7 +44,7 @@ def seconds_table(sweep: Sweep) -> list[str]:
         times[0] += row.get("seconds", float("nan")) / 60
         times[1] += row.get("grounding_seconds", 0.0) / 60
     parts = [
-        f"{method}{f' at {samples:,}' if samples else ''} {whole:.1f}"
+        f"{_cell(method, samples)} {whole:.1f}"
         + (f" (grounding {grounding:.1f})" if grounding > 0 else "")
         + (" since it was interrupted" if (method, samples) in resumed else "")
         for (method, samples), (whole, grounding) in spent.items()
@@ -174,13 +174,17 @@ def _where(sweep: Sweep) -> str:
     )
 
 
+def _cell(method: str, samples: int) -> str:
+    return f"{method} at {samples:,}" if samples else method
+
+
 def _since(sweep: Sweep, name: str, unknown: str) -> str:
     """A version that the sweep began with, and the cells that have another."""
     first = sweep.versions.get(name, unknown)
     others: dict[str, list[str]] = {}
     for row in sweep.rows:
         cells = others.setdefault(row.get(name, first), [])
-        cell = f"{row['method']} at {row['samples']:,}" if row["samples"] else row["method"]
+        cell = _cell(row["method"], row["samples"])
         if cell not in cells:
             cells.append(cell)
     return first + "".join(f" ({', '.join(c)}: {value})" for value, c in others.items() if value != first)

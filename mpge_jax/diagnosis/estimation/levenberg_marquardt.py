@@ -100,11 +100,10 @@ def _advance(
         p.smooth = not ctx.contacts and not detours
         if not p.smooth:
             steps += [x for t in steps[:1] for x in beyond(p, t, ctx)]
-            # at first, and then where slopes lead nowhere: there are many, and what they cost is run up to
-            now, later = (steps, detours) if p.detoured else ([*steps, *detours], [])
+            trials += [(p, t) for t in steps]
+            # many, each with its run-up: at first, and then where slopes lead nowhere
+            (further if p.detoured else trials).extend((p, t) for t in detours)
             p.detoured = True
-            trials += [(p, t) for t in now]
-            further += [(p, t) for t in later]
             continue
         least = tolerance * max(p.fit.loss, LEAST)
         # a full step may promise harm: losses are robust, and more so where windows are missed by much

@@ -69,7 +69,8 @@ def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Arr
 
 
 def _shaken_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Array) -> Array:
-    """Mean square error of positions in each window as noise in the forces of every row makes it, from told starts."""
+    """Mean square error of positions in each window as noise in the forces of every row makes it; `w` as in
+    `_from_told_starts`."""
     if not shaken.any():
         return np.zeros(w.count)
     rng, run = np.random.default_rng(0), [Run(f.hypothesis, f.theta)]
@@ -104,7 +105,11 @@ def _from_told_starts(
     sim: Simulator, f: Fitted, w: Windows, noise: Noise, drawn: Callable[[Windows], list[Array]]
 ) -> Array:
     """Mean square [W] of the positions by changes [W, N, 2 nv] of the prediction, from starts that follow them: the
-    mean over all that are drawn."""
+    mean over all that are drawn.
+
+    Args:
+        w: from starts that `f` has `told`.
+    """
     nv, scale = sim.model.nv, column_scale(noise, sim.model)
     cov = left_open(sim, f, w, scale)
     whole = replace(w, seen=w.seen | w.lead, lead=np.zeros_like(w.lead))

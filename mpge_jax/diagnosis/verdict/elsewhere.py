@@ -52,9 +52,8 @@ def elsewhere(
     else:
         return None
     terms = found.fit.hypothesis.terms
-    here, there = (
-        Hypothesis.of(*(t for t in terms if _only_at(p, t, joint) == at_it)) for at_it in (True, False)
-    )
+    here = Hypothesis.of(*(t for t in terms if _only_at(p, t, joint)))
+    there = Hypothesis.of(*(t for t in terms if t not in here.terms))
     if not _tells_more(search, others.fit, found.fit.of_terms(p.ctx, there)):
         return None
     fit = _together(p, found.fit, here, others.fit)

@@ -51,7 +51,6 @@ def _flights(rotor: int) -> list[Recording]:
     ],
 )
 def test_a_rough_spot_is_placed_where_force_at_one_joint_alone_explains_most(joint, width, at, left_alone):
-
     def spot(m: mujoco.MjModel, d: mujoco.MjData) -> None:
         dof = m.joint(joint).dofadr[0]
         d.qfrc_applied[dof] = -np.tanh(20.0 * d.qvel[dof]) * np.exp(-(((d.qpos[dof] - 0.1) / width) ** 2))

@@ -25,7 +25,7 @@ def splines(xp: Any, x: Array, count: int) -> list[Array]:
     t = xp.clip(x, 0.0, 1.0) * (count - 3)
     u = xp.abs(t[None] - np.arange(-1.0, count - 1.0).reshape(count, *(1,) * np.ndim(t)))
     rest = xp.maximum(2.0 - u, 0.0)
-    # products: numpy takes ten times as long for a third power
+    # products: numpy takes several times as long for a third power
     near, far = 2.0 / 3.0 - u * u * (1.0 - 0.5 * u), rest * rest * rest / 6.0
     return list(xp.where(u < 1.0, near, far))
 
