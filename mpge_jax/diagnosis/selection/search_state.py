@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mpge_jax.diagnosis.dataset.informative_windows import screen_windows
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, evaluate
@@ -17,7 +18,6 @@ from mpge_jax.diagnosis.evidence.rigid_equivalence import one_of_each
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
-from mpge_jax.diagnosis.simulation.informative_windows import screen_windows
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from mpge_jax.diagnosis.dataset.informative_windows import telling_windows
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.candidates import all_terms
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -18,7 +19,6 @@ from mpge_jax.diagnosis.recordings.three_parts import PARTS
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.cheaper_steps import stride
-from mpge_jax.diagnosis.simulation.informative_windows import telling_windows
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 POOL = 3

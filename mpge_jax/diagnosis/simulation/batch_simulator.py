@@ -17,20 +17,23 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.effects.step import Fields
 from mpge_jax.diagnosis.machine.contact_pairs import never_touches
 from mpge_jax.diagnosis.machine.joint_space import difference, integrate
-from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.simulation.actuator_state import shifted
-from mpge_jax.diagnosis.simulation.drive_signal import hermite
 from mpge_jax.diagnosis.simulation.guided import Guide
 from mpge_jax.diagnosis.simulation.remembered import Remembered
-from mpge_jax.diagnosis.simulation.run_up import run_up
-from mpge_jax.diagnosis.simulation.runtime_effects import DIVERGED, Group, Runtime
+from mpge_jax.diagnosis.simulation.runtime_effects import Group, Runtime
+from mpge_jax.diagnosis.simulation.trajectories import Commands, by_the_engine, states_between, step_by_step
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
 MANY_STEPS = 50
 """Steps of a window from which cheaper ones show what a change does nearly as the model's own do."""
-CHUNK = 3000
-"""Simulations stepped together; more do not fit the caches."""
+BY_THE_ENGINE, STEP_BY_STEP, WITH_RUN_UP = (
+    "by the engine alone",
+    "step by step",
+    "step by step after a run-up",
+)
+CHUNKS = {BY_THE_ENGINE: 500, STEP_BY_STEP: 3000, WITH_RUN_UP: 3000}
+"""Most simulations of a batch: alone, more only take memory; stepped together, they do not fit the caches."""
 
 
 @dataclass(frozen=True)
@@ -173,11 +176,11 @@ class Simulator:
         """Measured minus predicted: [R, W, N, 2 nv], positions then velocities, in joint space; NaN unmeasured."""
         out = np.empty((len(runs), w.count, w.times.shape[1], 2 * self.model.nv))
         keys = [(w.digest, id(w.sources), int(self.model.opt.integrator), run.key) for run in runs]
-        new, per = self.known.recall(keys, out), max(1, CHUNK // max(w.count, 1))
-        # those with a run-up take several times as long
+        new = self.known.recall(keys, out)
         with quiet():
-            for rugged in (False, True):
-                some = [i for i in new if runs[i].hypothesis.rugged == rugged]
+            for way, chunk in CHUNKS.items():
+                some = [i for i in new if self._way(runs[i]) == way]
+                per = max(1, chunk // max(w.count, 1))
                 for a in range(0, len(some), per):
                     part = some[a : a + per]
                     out[part] = self._chunk([runs[i] for i in part], w)
@@ -185,6 +188,13 @@ class Simulator:
         # what is decided by the work does not hang on what is remembered
         self.work += len(runs) * w.count * w.steps * self.model.nv**1.5 * (4 if self.fourfold else 1)
         return out
+
+    def _way(self, run: Run) -> str:
+        """How a run is simulated, by what it costs."""
+        if run.hypothesis.rugged:
+            return WITH_RUN_UP
+        stepped = self.guided or any(t.effect.runtime for t in (*self.always[0].terms, *run.hypothesis.terms))
+        return STEP_BY_STEP if stepped else BY_THE_ENGINE
 
     def _chunk(self, runs: list[Run], w: Windows) -> Array:
         m, nwin = self.model, w.count
@@ -197,13 +207,24 @@ class Simulator:
         offset, delay = self._senses(groups, n)
         q0, v0 = self._starts(runs, w, window, offset, delay)
         batch.bind("qpos")[:], batch.bind("qvel")[:] = q0, v0
-        commands = self._commands(groups, w, window)
+        commands = Commands(w, window, self._changed(groups, w, window))
         if m.na:
             batch.bind("act")[:] = w.act0[window]
-            for a, (rows, u) in commands.items():
+            for a, (rows, u) in commands.changed.items():
                 before = u[:, : w.history] - w.command[window[rows], : w.history, a]
                 batch.bind("act")[rows] += shifted(m, a, before, w.dt)
-        q, v = self._roll(batch, groups, runs, rows_of, commands, w, window)
+        push = np.zeros((n, m.nv))
+        for run, rows in zip(runs, rows_of, strict=True):
+            if run.push is not None:
+                push[rows, run.push[0]] += run.push[1]
+        runtime = [g for g in groups if g.term.effect.runtime]
+        if runtime or self.guided:
+            guide = Guide(m, batch, w, window, self.guided) if self.guided else None
+            engine = Runtime(m, self.ctx, batch, runtime, push, w.dt)
+            q, v = step_by_step(batch, engine, guide, commands, _shifts(runs, w)[:, m.nv :])
+        else:
+            batch.bind("qfrc_applied")[:] = push
+            q, v = by_the_engine(batch, commands)
         return self._compare(q, v, w, window, offset, delay).reshape(len(runs), nwin, w.times.shape[1], -1)
 
     def _timed(self, dt: float) -> mujoco.MjModel:
@@ -257,8 +278,8 @@ class Simulator:
         shift = _shifts(runs, w)
         return integrate(m, q0, shift[:, : m.nv] - offset), v0 + shift[:, m.nv :]
 
-    def _commands(self, groups: list[Group], w: Windows, window: Array) -> dict[int, tuple[Array, Array]]:
-        """Changed command timelines: actuator -> (rows, [rows, H + K])."""
+    def _changed(self, groups: list[Group], w: Windows, window: Array) -> dict[int, tuple[Array, Array]]:
+        """Command timelines that are not the windows': actuator -> (rows, [rows, H + K])."""
         out: dict[int, dict[int, Array]] = {}
         for g in groups:
             if not g.term.effect.commands:
@@ -273,72 +294,16 @@ class Simulator:
             done.update(zip(g.rows.tolist(), u, strict=True))
         return {a: (np.array(list(rows)), np.array(list(rows.values()))) for a, rows in out.items()}
 
-    def _roll(
-        self,
-        batch: Batch,
-        groups: list[Group],
-        runs: list[Run],
-        rows_of: Array,
-        commands: dict[int, tuple[Array, Array]],
-        w: Windows,
-        window: Array,
-    ) -> tuple[Array, Array]:
-        """States [K + 1, n, nq], [K + 1, n, nv] along the windows."""
-        m, n, steps = self.model, window.size, w.steps
-        qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
-        ctrl = batch.bind("ctrl") if m.nu else None
-
-        def commanded(k: int) -> Array:
-            """Commands [n, nu] in step k of the windows, negative before their starts."""
-            out = w.command[window, w.history + k]
-            for a, (rows, u) in commands.items():
-                out[rows, a] = u[:, w.history + k]
-            return out
-
-        push, moved = np.zeros((n, m.nv)), _shifts(runs, w)[:, m.nv :]
-        for run, rows in zip(runs, rows_of, strict=True):
-            if run.push is not None:
-                push[rows, run.push[0]] += run.push[1]
-        runtime = [g for g in groups if g.term.effect.runtime]
-        guide = Guide(m, batch, w, window, self.guided) if self.guided else None
-        forced = bool(runtime) or push.any() or guide is not None
-        engine = Runtime(self.model, self.ctx, batch, runtime, push, w.dt) if forced else None
-        q_all, v_all = np.empty((steps + 1, n, m.nq)), np.empty((steps + 1, n, m.nv))
-        if guide is not None:
-            guide.place(0)
-        if engine is not None:
-            if ctrl is not None:
-                ctrl[:] = commanded(0)
-            engine.begin(w, window, moved, commanded)
-            run_up(batch, m, engine, w, window, moved, commanded)
-        q_all[0], v_all[0] = qpos, qvel
-        for k in range(steps):
-            if ctrl is not None:
-                ctrl[:] = commanded(k)
-            if engine is not None:
-                engine.apply()
-            if guide is not None:
-                guide.push(k)
-            batch.step()
-            if guide is not None:
-                guide.place(k + 1)
-            wild = ~(np.abs(qvel).max(1) < DIVERGED)
-            if wild.any():
-                qvel[wild] = 0.0
-                qpos[wild] = q_all[0, wild]
-            q_all[k + 1], v_all[k + 1] = qpos, qvel
-        return q_all, v_all
-
     def _compare(self, q: Array, v: Array, w: Windows, window: Array, offset: Array, delay: Array) -> Array:
         m, n = self.model, window.size
         times = w.times[window]
-        pq, pv = _sample(m, q, v, times, w.dt)
+        pq, pv = states_between(m, q, v, times, w.dt)
         early: list[tuple[int, Array, Array]] = []
         for dof in np.flatnonzero((delay != 0).any(0)):
             column = int(m.jnt_qposadr[m.dof_jntid[dof]])
             rows = np.flatnonzero(delay[:, dof] != 0)
             t = times[rows] - delay[rows, dof, None]
-            sq, sv = _sample(m, q[:, rows], v[:, rows], np.maximum(t, 0.0), w.dt)
+            sq, sv = states_between(m, q[:, rows], v[:, rows], np.maximum(t, 0.0), w.dt)
             pq[rows, :, column], pv[rows, :, dof] = sq[..., column], sv[..., dof]
             early.append((int(dof), rows, t < 0))
         out = np.empty((n, times.shape[1], 2 * m.nv))
@@ -359,22 +324,6 @@ def _shifts(runs: list[Run], w: Windows) -> Array:
     """By how much each simulation starts elsewhere than estimated, [R W, 2 nv]."""
     shift = w.shift
     return np.concatenate([shift if run.shift is None else shift + run.shift for run in runs])
-
-
-def _sample(m: mujoco.MjModel, q: Array, v: Array, times: Array, dt: float) -> tuple[Array, Array]:
-    """States at any times [n, N] between the steps of trajectories [K + 1, n, .]."""
-    k = np.clip(np.floor(times / dt + 1e-6).astype(int), 0, q.shape[0] - 2)
-    s = times / dt - k
-    s = np.where(np.abs(s - np.round(s)) < 1e-6, np.round(s), s)[..., None]
-    rows = np.arange(q.shape[1])[:, None]
-    q0, q1, v0, v1 = q[k, rows], q[k + 1, rows], v[k, rows], v[k + 1, rows]
-    pv = v0 + s * (v1 - v0)
-    pq = q0 + s * (q1 - q0)
-    for j in range(m.njnt):
-        if is_scalar(m, j):
-            a, d = int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])
-            pq[..., a] = hermite(s[..., 0], dt, q0[..., a], q1[..., a], v0[..., d], v1[..., d])
-    return pq, pv
 
 
 def _bare(model: mujoco.MjModel) -> mujoco.MjModel:

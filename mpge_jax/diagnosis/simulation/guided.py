@@ -20,7 +20,8 @@ class Guide:
     def __init__(
         self, model: mujoco.MjModel, batch: Batch, w: Windows, window: Array, dofs: tuple[int, ...]
     ) -> None:
-        self.batch, self.dofs, self.dt = batch, list(dofs), w.dt
+        self.dofs, self.dt = list(dofs), w.dt
+        self.qpos, self.qvel, self.force = (batch.bind(k) for k in ("qpos", "qvel", "qfrc_applied"))
         self.qadr = [int(model.jnt_qposadr[model.dof_jntid[d]]) for d in dofs]
         self.inertia = HEAVY * model.dof_M0[self.dofs]
         batch.expand("dof_armature")[:, self.dofs] += self.inertia
@@ -34,9 +35,9 @@ class Guide:
     def push(self, k: int) -> None:
         """Add the force of step k to those that are applied."""
         acceleration = (self.v[:, k + 1] - self.v[:, k]) / self.dt
-        self.batch.bind("qfrc_applied")[:, self.dofs] += self.inertia * acceleration
+        self.force[:, self.dofs] += self.inertia * acceleration
 
     def place(self, k: int) -> None:
         """Put the joints where they were after k steps."""
-        self.batch.bind("qpos")[:, self.qadr] = self.q[:, k]
-        self.batch.bind("qvel")[:, self.dofs] = self.v[:, k]
+        self.qpos[:, self.qadr] = self.q[:, k]
+        self.qvel[:, self.dofs] = self.v[:, k]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
+from mpge_jax.diagnosis.dataset.informative_windows import telling_windows
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, screen
 from mpge_jax.diagnosis.evidence.scored import Scored
@@ -17,7 +18,6 @@ from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined
 from mpge_jax.diagnosis.selection.criteria import choose, needed
 from mpge_jax.diagnosis.selection.forward_selection import search
-from mpge_jax.diagnosis.simulation.informative_windows import telling_windows
 from tests.diagnosis.machines import PENDULUM, really_sticks, record
 from tests.diagnosis.searches import (
     ARMATURE,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.dataset import preparation as preparation
+from mpge_jax.diagnosis.dataset.informative_windows import SCREEN_WINDOWS, screen_windows
 from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -23,7 +24,6 @@ from mpge_jax.diagnosis.selection.forward_selection import search
 from mpge_jax.diagnosis.selection.search_state import MANY, WORK
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
-from mpge_jax.diagnosis.simulation.informative_windows import SCREEN_WINDOWS, screen_windows
 from mpge_jax.diagnosis.thresholds import AT_NOISE, LOUD
 from tests.diagnosis.machines import ARM, PENDULUM, SERVO, record
 from tests.diagnosis.searches import prepared_of

@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.selection.search_state import Search
-from mpge_jax.diagnosis.simulation import batch_simulator
+from mpge_jax.diagnosis.simulation import trajectories
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.cheaper_steps import Near
 from mpge_jax.diagnosis.simulation.drive_signal import Source
@@ -61,7 +61,7 @@ def at_rest(chattering, monkeypatch):
     """Makes motors start pressed to one end of their gaps."""
 
     def begin() -> None:
-        monkeypatch.setattr(batch_simulator, "run_up", lambda *_: None)
+        monkeypatch.setattr(trajectories, "run_up", lambda *_: None)
         monkeypatch.setattr(chattering.sim, "known", Remembered())
 
     yield begin
@@ -113,7 +113,7 @@ def test_memories_of_other_effects_stay_those_of_the_start(chattering, monkeypat
         run_up(batch, model, runtime, *rest)
         seen.extend((i, g.memory is m) for g, (i, m) in zip(runtime.groups, before, strict=True))
 
-    monkeypatch.setattr(batch_simulator, "run_up", watched)
+    monkeypatch.setattr(trajectories, "run_up", watched)
     monkeypatch.setattr(chattering.sim, "known", Remembered())
     elastic = Term("coulomb_friction:elastic", HINGE)
     h, ctx = Hypothesis.of(BACKLASH, elastic), chattering.sim.ctx
