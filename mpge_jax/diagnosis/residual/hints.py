@@ -1,4 +1,4 @@
-"""Which functions are worth fitting: those that look like the force which short pieces of recordings lack."""
+"""Which functions are worth fitting, and how finely: as the force looks which short pieces of recordings lack."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import numpy as np
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.residual.points import Pieces
-from mpge_jax.diagnosis.residual.regression import FOLDS, Blocks, smoothed, stretches
+from mpge_jax.diagnosis.residual.regression import FOLDS, TIE, Blocks, smoothed, stretches
 
 Array = np.ndarray
 HINTS = 4
 """Functions beside those of one input of the joint, at most, that are worth fitting."""
+FINER = (0, 18, 36)
+"""Values along the only input that are tried: as many as usual, and more for what is narrow."""
 
 
 def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) -> list[Residual]:
@@ -24,19 +26,31 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
     Args:
         tried: pieces of several lengths. The length counts at which most is explained: short pieces are blurred by
             noise, long ones by the motion.
+
+    Returns:
+        them, those of one input with as many values as the pieces show.
     """
     plain = [e for e in candidates if len(e.axes) == 1 and not (e.coupled or e.dry or e.traced)]
     others = [e for e in candidates if e not in plain]
     best: tuple[float, list[Residual]] = (0.0, [])
-    for these in tried if others else ():
-        if these.force.size < 2 * FOLDS or not these.force.any():
-            continue
+    telling = [these for these in tried if these.force.size >= 2 * FOLDS and these.force.any()]
+    for these in telling if others else ():
         told = sorted(((_explained(e, place, these), k) for k, e in enumerate(others)), reverse=True)
         alike = [k for _, k in told if others[k].traced][HINTS // 2 :]
         if told[0][0] > best[0]:
             some = [others[k] for share, k in told if share > 0.0 and k not in alike]
             best = told[0][0], some[:HINTS]
-    return plain + best[1]
+    return [_as_fine_as_seen(e, place, telling) for e in plain + best[1]]
+
+
+def _as_fine_as_seen(effect: Residual, place: Place, telling: list[Pieces]) -> Residual:
+    """The function of one input with the fewest values that explain nearly as much as the most do."""
+    if len(effect.axes) > 1 or not telling:
+        return effect
+    tried = [effect.told_by(knots) for knots in FINER]
+    shares = np.array([[_explained(e, place, these) for e in tried] for these in telling])
+    told = shares[int(np.argmax(shares.max(1)))]
+    return tried[int(np.argmax(told >= (1.0 - TIE) * told.max()))]
 
 
 def _explained(effect: Residual, place: Place, these: Pieces) -> float:

@@ -16,6 +16,8 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 Array = np.ndarray
 WORTH = 0.01
 """Share by which the error of test recordings must fall."""
+MOST = 0.5
+"""Share of what is left of their squared error that functions must take away to be what it depends on."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,18 @@ class ResidualModel:
     functions: tuple[Function, ...]
     before: float
     after: float
+
+    def told(self, guess: str) -> str:
+        """On what that which is left depends, in words: the functions' inputs, where these take most of the error away;
+        else a guess."""
+        if self.after**2 > MOST * self.before**2:
+            return guess
+        said = [" and ".join(f"the {a.says}" for a in f.axes) for f in self.functions]
+        if len(said) == 1:
+            return f"it depends on {said[0]}"
+        return "; ".join(
+            f"at the {f.term.place.name} it depends on {x}" for f, x in zip(self.functions, said, strict=True)
+        )
 
 
 def worthwhile(found: list[Function], before: float, after: float) -> ResidualModel | None:

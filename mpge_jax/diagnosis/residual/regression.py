@@ -81,12 +81,14 @@ class Choice:
 
 def roughness(effect: Residual) -> Array:
     """[P, P] of squared second differences along every input, and a little of the values themselves."""
-    second = np.diff(np.eye(effect.count), 2, axis=0)
-    along = second.T @ second
-    if len(effect.axes) == 2:
-        one = np.eye(effect.count)
-        along = np.kron(along, one) + np.kron(one, along)
-    return along + SMALL * np.eye(len(along))
+    each = [np.eye(count) for count in effect.counts]
+    second = [np.diff(one, 2, axis=0) for one in each]
+    along = [x.T @ x for x in second]
+    if len(each) == 1:
+        (rough,) = along
+    else:
+        rough = np.kron(along[0], each[1]) + np.kron(each[0], along[1])
+    return rough + SMALL * np.eye(len(rough))
 
 
 def solved(b: Blocks, effect: Residual, strength: float) -> Array:

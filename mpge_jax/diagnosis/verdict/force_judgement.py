@@ -57,6 +57,8 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
         unexplained = _describe(p, held, share)
         say("modelling what is left")
         residual = residual_of_forces(p, found.balance, fit, unexplained["at"], held)
+        if residual is not None:
+            unexplained["when"] = residual.told(unexplained["when"])
         parts = fit.hypothesis.split(p.ctx, fit.theta)
         without = {t: rms(_without(test, parts, t) - test.measured) for t in parts}
         joints = [acted_on(p.model, Place("actuator", a, k)) for k, a in enumerate(p.names.actuators)]

@@ -131,6 +131,7 @@ def judge(
         s.say("modelling what is left")
         residual = residual_of_motion(p, s, found.fit, unexplained["at"], shown, held)
         if residual is not None:
+            unexplained["when"] = residual.told(unexplained["when"])
             fewer = without_harm(p, s, found, unexplained["at"], residual, held)
             if fewer is not found:
                 return judge(p, plain, s, fewer, fit_report(p, fewer.fit, "test"), drives)

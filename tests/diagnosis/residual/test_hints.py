@@ -59,6 +59,16 @@ def test_what_explains_most_is_hinted_at(force, want):
     assert want in found[4:] and found[:4] == ["q", "v", "l", "f"] and len(found) <= 4 + HINTS
 
 
+@pytest.mark.parametrize("place", [-0.6, 0.1, 0.53])
+def test_what_is_narrow_is_told_by_more_values(place):
+    """A magnet's pull within a twentieth of the range, and a wave that goes once through it."""
+    away = (VALUES["q"] - place) / 0.08
+    magnet, wave = -0.5 * away / (1.0 + away**2) ** 2.5, 0.2 * np.sin(3.0 * VALUES["q"])
+    usual, fine = (hinted(functions(VALUES), HINGE, [pieces(x, 0.01)])[0] for x in (wave, magnet))
+    assert (inputs(usual), usual.counts) == ("q", (9,))
+    assert inputs(fine) == "q" and fine.counts[0] > 9
+
+
 def test_travels_since_a_turn_leave_room_for_others():
     """Four of them that are the same, and a coupling that explains a little less."""
     travel = 0.2 * RNG.uniform(-1.0, 1.0, 300)

@@ -29,7 +29,7 @@ SLOW = 1.0
 def of(place: Place, *axes: Axis, size: float = 0.1) -> Function:
     """A function whose values rise from -size to size."""
     effect = Residual(axes, 5.0)
-    return Function(Term(effect.id, place), np.linspace(-size, size, effect.count ** len(axes)), None)
+    return Function(Term(effect.id, place), np.linspace(-size, size, effect.size), None)
 
 
 def test_a_motion_shows_the_force_that_its_model_lacks():

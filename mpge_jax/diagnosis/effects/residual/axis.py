@@ -22,8 +22,13 @@ OF_OTHERS = (ANGLE, SPEED, DRIVE)
 """Inputs that may be another joint's: a coupling of joints, or of their drives."""
 NAMED = r"[^\[\],@]+"
 """Names of other joints that an identifier can hold."""
-AXIS = rf"([qvf]@{NAMED}|[qvflz])\[([^\[\],]+),([^\[\],]+)\]"
-"""An axis in an identifier: its input, and the ends of its range."""
+AXIS = rf"([qvf]@{NAMED}|[qvflz])\[([^\[\],]+),([^\[\],]+)(?:,(\d+))?\]"
+"""An axis in an identifier: its input, the ends of its range, and `Axis.knots` where these are not the usual."""
+KNOTS = {1: 9, 2: 6}
+"""Values by which a function is told along each input, of one and of two inputs, where nothing says that it needs
+more."""
+LEAST = 4
+"""Values that a cubic spline has at least."""
 
 
 def key_of(which: str, joint: str = "") -> str:
@@ -36,13 +41,15 @@ class Axis:
     """One input with the range in which it was seen; beyond, the function stays as at the end of it.
 
     Attributes:
-        joint: whose it is, where that is not the joint on which the function acts.
+        joint: whose it is, where that is not the joint on which the function acts. knots: values by which the function
+            is told along it; 0: as many as usual (`KNOTS`).
     """
 
     input: str
     low: float
     high: float
     joint: str = ""
+    knots: int = 0
 
     def __post_init__(self) -> None:
         if (
@@ -51,15 +58,17 @@ class Axis:
             or not np.isfinite([self.low, self.high]).all()
             or not self.low < self.high
             or (self.input == TURNED and self.low != -self.high)
+            or 0 != self.knots < LEAST
         ):
             raise ValueError(
-                f"an input of a residual is one of {', '.join(INPUTS)} with a range, not {self}."
+                f"an input of a residual is one of {', '.join(INPUTS)} with a range and {LEAST} values or more, not "
+                f"{self}."
             )
 
     @staticmethod
-    def of_key(key: str, low: float, high: float) -> Axis:
+    def of_key(key: str, low: float, high: float, knots: int = 0) -> Axis:
         which, _, joint = key.partition("@")
-        return Axis(which, low, high, joint)
+        return Axis(which, low, high, joint, knots)
 
     @staticmethod
     def since_turn(most: float) -> Axis:
@@ -97,4 +106,5 @@ class Axis:
         return {ANGLE: angle, TURNED: angle, SPEED: f"{angle}/s"}.get(self.input, force)
 
     def __str__(self) -> str:
-        return f"{key_of(self.input, self.joint)}[{self.low:.6g},{self.high:.6g}]"
+        many = f",{self.knots}" if self.knots else ""
+        return f"{key_of(self.input, self.joint)}[{self.low:.6g},{self.high:.6g}{many}]"

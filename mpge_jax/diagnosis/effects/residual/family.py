@@ -25,7 +25,9 @@ def residual_of(form: str) -> Residual:
         raise KeyError(form)
     axes, below, dry = re.findall(AXIS, match["axes"]), match["below"], match["dry"] is not None
     try:
-        told = tuple(Axis.of_key(key, float(low), float(high)) for key, low, high in axes)
+        told = tuple(
+            Axis.of_key(key, float(low), float(high), int(knots or 0)) for key, low, high, knots in axes
+        )
         if [a.input for a in told] == [TURNED] and not dry:
             return SinceTurn(told[0], float(below))
         return Residual(told, float(below), dry)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,13 +11,11 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Effect
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.friction.dry import FIELDS, stiff_dry_friction
-from mpge_jax.diagnosis.effects.residual.axis import ANGLE, LOAD, SPEED, TURNED, Axis
+from mpge_jax.diagnosis.effects.residual.axis import ANGLE, KNOTS, LOAD, SPEED, TURNED, Axis
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 
 RESIDUAL = "residual"
-KNOTS = {1: 9, 2: 6}
-"""Values by which a function is told along each input, of one and of two inputs."""
 FADES = 0.5
 """Share of the greatest speed seen over which force that drives a joint on fades beyond that speed."""
 
@@ -55,9 +55,19 @@ class Residual(Effect):
             f"What no known effect explains at the {{at}} is modelled as {self.what} that is a function."
         )
         self.id = f"{RESIDUAL}:{'dry:' if dry else ''}{''.join(map(str, axes))}below {below:.6g}"
-        self.count = KNOTS[len(axes)]
+        self.counts = tuple(a.knots or KNOTS[len(axes)] for a in axes)
         self.external = any(a.input == LOAD for a in axes)
         self.equation = f"{self.what} as a function of {', '.join(a.says for a in axes)}"
+
+    def told_by(self, knots: int) -> Residual:
+        """The same function of one input, told by so many values."""
+        (axis,) = self.axes
+        return Residual((replace(axis, knots=knots),), self.below, self.dry)
+
+    @property
+    def size(self) -> int:
+        """Number of its values."""
+        return math.prod(self.counts)
 
     @property
     def what(self) -> str:
@@ -71,8 +81,8 @@ class Residual(Effect):
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         torque, unit = float(ctx.torque[ctx.dof(place)]), joint_unit(ctx, place, "N m", "N")
-        many = self.count ** len(self.axes)
-        return tuple(Param(f"value_{k}", unit, -50 * torque, 50 * torque, 0.1 * torque) for k in range(many))
+        each = range(self.size)
+        return tuple(Param(f"value_{k}", unit, -50 * torque, 50 * torque, 0.1 * torque) for k in each)
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         if self.dry:
@@ -89,8 +99,8 @@ class Residual(Effect):
     def basis(self, xp: Any, values: list[Array]) -> list[Array]:
         """The functions [...] whose sum, each times its parameter, is the force: every product of splines."""
         along = [
-            splines(xp, (x - a.low) / (a.high - a.low), self.count)
-            for a, x in zip(self.axes, values, strict=True)
+            splines(xp, (x - a.low) / (a.high - a.low), count)
+            for a, count, x in zip(self.axes, self.counts, values, strict=True)
         ]
         return along[0] if len(along) == 1 else [one * other for one in along[0] for other in along[1]]
 
@@ -119,9 +129,8 @@ class Residual(Effect):
 
     def from_report(self, ctx: Context, place: Place, values: dict[str, Any]) -> np.ndarray:
         theta = np.asarray(values["values"], dtype=float)
-        many = self.count ** len(self.axes)
-        if theta.shape != (many,):
-            raise ValueError(f"a residual of {len(self.axes)} inputs has {many} values, not {theta.size}.")
+        if theta.shape != (self.size,):
+            raise ValueError(f"the residual {self.id} has {self.size} values, not {theta.size}.")
         return theta
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,10 @@ class SinceTurn(Residual):
         if axis.input != TURNED:
             raise ValueError(f"this residual depends on {TURNED}, not on {axis}.")
         super().__init__((axis,), below)
+
+    def told_by(self, knots: int) -> SinceTurn:
+        (axis,) = self.axes
+        return SinceTurn(replace(axis, knots=knots), self.below)
 
     def memory(self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step) -> Any:
         return (0.0 * s.q[..., ctx.qadr(place)] + 0.0 * theta[..., 0],)

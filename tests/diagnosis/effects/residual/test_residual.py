@@ -25,7 +25,9 @@ CTX = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
 COUPLED = Residual((Axis("q", -1.0, 1.0, "elbow"), Axis("v", -3.0, 3.0)), 3.0)
 OF_BOTH = Residual((Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)), 3.0)
 ROUGH = Residual((Axis("q", -1.0, 1.0),), 3.0, dry=True)
+FINE = ROUGH.told_by(18)
 BENDS = SinceTurn(Axis.since_turn(0.05), 3.0)
+FINE_TRAVEL = BENDS.told_by(18)
 
 
 def step(q: float, v: float, f: float = 0.0) -> Step:
@@ -61,7 +63,7 @@ def test_beyond_what_was_seen_it_is_bounded_and_only_brakes():
     assert force(effect, pushes, 0.0, 3.75) == pytest.approx(0.35)
     assert force(effect, pushes, 0.0, 9.0) == 0.0
     assert force(effect, pushes, 0.0, -9.0) == pytest.approx(0.7)
-    far = np.random.default_rng(0).normal(size=OF_BOTH.count**2)
+    far = np.random.default_rng(0).normal(size=OF_BOTH.size)
     assert all(abs(force(OF_BOTH, far, q, 0.0)) <= np.abs(far).max() for q in np.linspace(-50, 50, 11))
 
 
@@ -70,15 +72,29 @@ def test_an_identifier_says_it_all():
         OF_BOTH,
         Residual((Axis("f", -0.25, 1.5),), 0.5),
         Residual((Axis("l", -1e-3, 1e3),), 12.0),
+        FINE,
+        FINE_TRAVEL,
         COUPLED,
         ROUGH,
         BENDS,
     ):
         again = REGISTRY[effect.id]
         assert again.id == effect.id and again.axes == effect.axes and again.below == effect.below
-        assert again.dry == effect.dry
+        assert again.dry == effect.dry and again.counts == effect.counts
     assert OF_BOTH.id not in list(REGISTRY) and OF_BOTH.id.partition(":")[0] == "residual"
-    broken = ("residual:q[1,0]below 3", "residual:x[0,1]below 3", "residual:q[0,1]", "residual", "other")
+    assert (
+        FINE.size,
+        OF_BOTH.size,
+        Residual((Axis("q", 0.0, 1.0, knots=7), Axis("v", 0.0, 1.0)), 3.0).size,
+    ) == (18, 36, 42)
+    broken = (
+        "residual:q[0,1,3]below 3",
+        "residual:q[1,0]below 3",
+        "residual:x[0,1]below 3",
+        "residual:q[0,1]",
+        "residual",
+        "other",
+    )
     # a travel goes as far one way as the other, is the joint's own, alone, and no level of dry friction
     turned = ("z[-0.1,0.2]", "z@elbow[-0.1,0.1]", "z[-0.1,0.1]q[0,1]", "dry:z[-0.1,0.1]")
     for wrong in (*broken, *(f"residual:{x}below 3" for x in turned)):
@@ -95,6 +111,7 @@ def test_an_identifier_says_it_all():
         ("q", 0.0, float("nan")),
         ("l", 0.0, 1.0, "elbow"),
         ("q", 0.0, 1.0, "el[bow"),
+        ("q", 0.0, 1.0, "", 3),
     ):
         with pytest.raises(ValueError, match="one of q, v, f, l, z with a range"):
             Axis(*wrong)
@@ -135,7 +152,7 @@ def table(values: list[float], effect: Residual = OF_BOTH, at: str = "hinge") ->
 
 def test_its_force_is_the_same_in_numpy_and_in_jax():
     rng = np.random.default_rng(0)
-    theta = rng.normal(size=OF_BOTH.count**2).astype(np.float32)
+    theta = rng.normal(size=OF_BOTH.size).astype(np.float32)
     for q, v in rng.uniform(-5, 5, (20, 2)):
         s = step(q, v)
         s = dataclasses.replace(s, q=jnp.array(s.q), v=jnp.array(s.v))
@@ -155,7 +172,7 @@ def test_its_force_is_the_same_in_numpy_and_in_jax():
     ids=["own", "coupled", "dry", "since a turn"],
 )
 def test_it_moves_the_machine_alike_in_c_and_in_jax(xml, effect, at, size):
-    values = list(size * np.random.default_rng(0).normal(size=effect.count ** len(effect.axes)))
+    values = list(size * np.random.default_rng(0).normal(size=effect.size))
     corrected = CorrectedModel.build(mujoco.MjSpec.from_string(xml), table(values, effect, at))
     c, plain = corrected.c_stepper(), CorrectedModel.build(mujoco.MjSpec.from_string(xml), []).c_stepper()
     engine = corrected.jax_engine("mjx")
@@ -175,7 +192,7 @@ def test_dry_friction_is_a_level_beside_any_that_is_named_and_never_drives():
     friction["parameters"] = {"torque": 0.2}
     levels = []
     for less in (0.0, -0.1, -0.5):
-        rows = [friction, *table([less] * ROUGH.count, ROUGH)]
+        rows = [friction, *table([less] * ROUGH.size, ROUGH)]
         stepper = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), rows).c_stepper()
         stepper.reset(np.array([0.2]), np.array([1.0]))
         stepper.step(np.zeros(1), 1)
@@ -187,7 +204,7 @@ def test_travel_since_a_turn_goes_from_one_end_to_the_other():
     q = np.array([0.0, 0.03, 0.06, 0.09, 0.08, 0.02, 0.02, 0.03])
     want = np.array([0.0, 0.03, 0.05, 0.05, 0.04, -0.02, -0.02, -0.01])
     np.testing.assert_allclose(travelled(q, 0.05), want, atol=1e-15)
-    theta = np.random.default_rng(0).normal(size=BENDS.count)
+    theta = np.random.default_rng(0).normal(size=BENDS.size)
     along = BENDS.along(CTX, HINGE, theta, q[:, None])
     np.testing.assert_allclose(along, BENDS.value(np, theta, [want]))
     # step by step it is the same
