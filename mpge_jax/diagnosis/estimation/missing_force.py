@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.estimation.whitening import Whitener, whitener
 from mpge_jax.diagnosis.machine.model import floating_base_joints
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
+from mpge_jax.diagnosis.simulation.cheaper_steps import Near
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
@@ -69,7 +70,7 @@ def probed(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Probed:
     nv, scale = sim.model.nv, np.maximum(sim.ctx.torque, 1e-9) * 0.02
     runs = [Run(f.hypothesis, f.theta)]
     runs += [Run(f.hypothesis, f.theta, push=(d, float(x))) for d, x in enumerate(scale)]
-    flat = white(sim.residuals(runs, w))
+    flat = white(Near.to(sim, runs[0], w).residuals(runs))
     columns = np.moveaxis(flat[1:] - flat[0], 0, -1)  # [W, M, nv]
     gram = np.einsum("wmi,wmj->wij", columns, columns) + 1e-12 * np.eye(nv)
     return Probed(gram, -np.einsum("wmi,wm->wi", columns, flat[0]), scale)

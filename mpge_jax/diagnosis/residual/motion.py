@@ -23,6 +23,7 @@ from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function
 from mpge_jax.diagnosis.residual.roll_out import stays
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.cheaper_steps import Near
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
@@ -149,7 +150,7 @@ class _Task:
             moved = f.theta.copy()
             moved[k] += step
             runs.append(Run(f.hypothesis, moved))
-        base, *probed = self.white(p.sim.residuals(runs, self.windows))
+        base, *probed = self.white(Near.to(p.sim, runs[0], self.windows).residuals(runs))
         told = Blocks.of(
             (np.array(probed) - base) / step, base, self._counted(base) if weight is None else weight
         )
