@@ -1,46 +1,88 @@
-"""What is named, beside the functions that stand for what has no name: an effect that then only does harm goes."""
+"""What is named, beside the functions that stand for what has no name: an effect that then tells nothing goes."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, error_drops, fit_report, left_out
 from mpge_jax.diagnosis.residual.model import ResidualModel, with_residual
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.selection.confirmation import refitted
 from mpge_jax.diagnosis.selection.procedure import Decision, with_fewer
 from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.thresholds import REMAINS
+from mpge_jax.diagnosis.verdict.part_of_unknown import acted_on
 
 HARM = "beside the force that nobody named, recordings are predicted no better with it"
 
 
-def without_harm(
-    p: Prepared, s: Search, found: Decision, at: list[str], residual: ResidualModel, held: FitReport
+def without_needless(
+    p: Prepared,
+    s: Search,
+    found: Decision,
+    at: list[str],
+    residual: ResidualModel,
+    held: FitReport,
+    doubtful: Collection[Term],
 ) -> Decision:
     """What was found, without the effects without which the test recordings are predicted no worse.
 
-    One is taken away at a time; the others are fitted again beside the functions, and the functions beside them.
+    Those that may be a part of what has no name are taken away first, together, where they act on the joint of a
+    function alone and recordings are predicted far better for it: beside them the function could not be told. Then
+    those with which the error is larger are, one at a time. The others are fitted again beside the functions, and the
+    functions beside them.
 
     Args:
         at: where something is left. residual: its functions beside what was found. held: the windows that count.
+        doubtful: effects that may be a part of what is left.
     """
     f, gone = found.fit, list[Term]()
-    while f.hypothesis.named:
-        drops = error_drops(p, with_residual(p.ctx, f, residual), held.windows, f.hypothesis.named)
-        worst = min(drops, key=lambda t: drops[t])
-        if drops[worst] > 0.0:
+    joints = [[function.term.place.index] for function in residual.functions]
+    parts = [t for t in doubtful if t in f.hypothesis.named and acted_on(p.model, t.place) in joints]
+    if parts and (better := _without(p, s, f, at, residual, parts, REMAINS)):
+        f, residual = better
+        gone += parts
+    while harmful := _harmful(p, f, residual, held):
+        better = _without(p, s, f, at, residual, [harmful])
+        if better is None:
             break
-        functions = with_residual(p.ctx, NOTHING, residual)
-        beside = replace(s, sim=s.sim.beside(functions.hypothesis, functions.theta))
-        fewer = refitted(beside, f.of_terms(p.ctx, f.hypothesis.without(worst)))
-        its = residual_of_motion(p, s, fewer, at, (p, fewer), fit_report(p, fewer, "test"))
-        if its is None or its.after > residual.after:
-            break
-        f, residual, gone = fewer, its, [*gone, worst]
+        f, residual = better
+        gone.append(harmful)
     if not gone:
         return found
     p.warnings += left_out(gone, HARM)
     return with_fewer(p, s, found, f)
+
+
+def _harmful(p: Prepared, f: Fitted, residual: ResidualModel, held: FitReport) -> Term | None:
+    """The effect with which the error is larger than without it, by most."""
+    if not f.hypothesis.named:
+        return None
+    drops = error_drops(p, with_residual(p.ctx, f, residual), held.windows, f.hypothesis.named)
+    worst = min(drops, key=lambda t: drops[t])
+    return worst if drops[worst] <= 0.0 else None
+
+
+def _without(
+    p: Prepared,
+    s: Search,
+    f: Fitted,
+    at: list[str],
+    residual: ResidualModel,
+    terms: list[Term],
+    share: float = 1.0,
+) -> tuple[Fitted, ResidualModel] | None:
+    """The fit without some effects, and the functions beside it, if these leave no more than a share of the squared
+    error on test recordings."""
+    functions = with_residual(p.ctx, NOTHING, residual)
+    beside = replace(s, sim=s.sim.beside(functions.hypothesis, functions.theta))
+    kept = f.hypothesis
+    for term in terms:
+        kept = kept.without(term)
+    fewer = refitted(beside, f.of_terms(p.ctx, kept))
+    its = residual_of_motion(p, s, fewer, at, (p, fewer), fit_report(p, fewer, "test"))
+    return None if its is None or its.after**2 > share * residual.after**2 else (fewer, its)

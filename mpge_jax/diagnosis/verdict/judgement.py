@@ -28,7 +28,7 @@ from mpge_jax.diagnosis.selection.procedure import Decision
 from mpge_jax.diagnosis.selection.remainder import leaves
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING, SLIGHT
-from mpge_jax.diagnosis.verdict.beside_functions import without_harm
+from mpge_jax.diagnosis.verdict.beside_functions import without_needless
 from mpge_jax.diagnosis.verdict.location import by_joint
 from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_beside
 from mpge_jax.diagnosis.verdict.remainder_description import describe
@@ -132,7 +132,7 @@ def judge(
         residual = residual_of_motion(p, s, found.fit, unexplained["at"], shown, held)
         if residual is not None:
             unexplained["when"] = residual.told(unexplained["when"])
-            fewer = without_harm(p, s, found, unexplained["at"], residual, held)
+            fewer = without_needless(p, s, found, unexplained["at"], residual, held, doubtful(beside, None))
             if fewer is not found:
                 return judge(p, plain, s, fewer, fit_report(p, fewer.fit, "test"), drives)
     if unexplained is None:

@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_resi
 from mpge_jax.diagnosis.selection.procedure import Decision, what_is_left
 from mpge_jax.diagnosis.verdict import beside_functions as module
 from mpge_jax.diagnosis.verdict import judgement
-from mpge_jax.diagnosis.verdict.beside_functions import HARM, without_harm
+from mpge_jax.diagnosis.verdict.beside_functions import HARM, without_needless
 from tests.diagnosis.machines import COARSE
 from tests.diagnosis.searches import COULOMB, DAMPING, GAIN, HINGE, fitted
 
@@ -42,9 +42,9 @@ def asked(rubbing_coarsely, plain_functions):
         both = errors(p.sim, with_residual(p.ctx, f, alone), held.windows, p.noise).rms
         return ResidualModel(alone.functions, held.after.rms, both), held
 
-    def ask(named, torque: float):
+    def ask(named, torque: float, doubtful=()):
         found = Decision(fitted(s, named), {t: [] for t in named}, Floor(), None, s)
-        return without_harm(p, s, found, ["hinge"], *told(found.fit, torque)), found
+        return without_needless(p, s, found, ["hinge"], *told(found.fit, torque), doubtful), found
 
     return SimpleNamespace(told=told, of=ask, p=p, s=s)
 
@@ -71,6 +71,24 @@ def test_one_goes_at_a_time_and_the_others_are_fitted_again(asked):
     after, _ = ask({COULOMB: [0.05], GAIN: [0.95]}, 0.05)
     assert after.fit.hypothesis.terms == (COULOMB,) and list(after.rivals) == [COULOMB]
     assert len(p.warnings) == 1 and p.warnings[0].startswith("actuator gain at motor")
+
+
+def test_what_may_be_a_part_of_it_goes_where_the_function_alone_predicts_far_better(asked):
+    """Damping is only like the friction, half of which the function stands for: it helps, until the function stands for
+    all of it."""
+    ask, p = asked.of, asked.p
+    assert ask({DAMPING: [0.004]}, 0.05)[0].fit.hypothesis.terms == (DAMPING,)
+    after, _ = ask({DAMPING: [0.004]}, 0.05, [DAMPING])
+    assert not after.fit.hypothesis.terms and p.warnings == [
+        f"viscous damping at hinge: {HARM}; it is left out."
+    ]
+
+
+@pytest.mark.parametrize("share", [0.05, 0.09])
+def test_what_may_be_a_part_of_it_stays_where_the_function_alone_predicts_as_well_as_both(asked, share):
+    ask, p = asked.of, asked.p
+    after, found = ask({COULOMB: [share]}, 0.1 - share, [COULOMB])
+    assert after is found and not p.warnings
 
 
 def test_it_stays_where_functions_beside_fewer_effects_predict_worse(asked, monkeypatch):
