@@ -25,11 +25,12 @@ class Guide:
         self.qadr = [int(model.jnt_qposadr[model.dof_jntid[d]]) for d in dofs]
         self.inertia = HEAVY * model.dof_M0[self.dofs]
         batch.expand("dof_armature")[:, self.dofs] += self.inertia
-        times = w.dt * np.arange(w.steps + 1)
-        q, v = np.empty((2, w.count, times.size, len(dofs)))
-        for k, source in enumerate(w.source):
+        times = w.start[:, None] + w.dt * np.arange(w.steps + 1)
+        q, v = np.empty((2, *times.shape, len(dofs)))
+        for source in np.unique(w.source):
+            here = w.source == source
             for i, (qadr, dof) in enumerate(zip(self.qadr, dofs, strict=True)):
-                q[k, :, i], v[k, :, i] = w.sources[source].state_at(w.start[k] + times, qadr, dof)
+                q[here, :, i], v[here, :, i] = w.sources[source].state_at(times[here], qadr, dof)
         self.q, self.v = q[window], v[window]
 
     def push(self, k: int) -> None:
