@@ -14,8 +14,8 @@ from mpge_jax.diagnosis.residual.regression import FOLDS, TIE, Blocks, smoothed,
 Array = np.ndarray
 HINTS = 4
 """Functions beside those of one input of the joint, at most, that are worth fitting."""
-FINER = (0, 18, 36)
-"""Values along the only input that are tried: as many as usual, and more for what is narrow."""
+FINER = {1: ((0,), (18,), (36,)), 2: ((0, 0), (18, 0), (0, 18))}
+"""Values along each input that are tried, of one and of two inputs; 0: as usual. More are for what is narrow."""
 
 
 def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) -> list[Residual]:
@@ -28,7 +28,7 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
             noise, long ones by the motion.
 
     Returns:
-        them, those of one input with as many values as the pieces show.
+        them, with as many values as the pieces show.
     """
     plain = [e for e in candidates if len(e.axes) == 1 and not (e.coupled or e.dry or e.traced)]
     others = [e for e in candidates if e not in plain]
@@ -44,10 +44,10 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
 
 
 def _as_fine_as_seen(effect: Residual, place: Place, telling: list[Pieces]) -> Residual:
-    """The function of one input with the fewest values that explain nearly as much as the most do."""
-    if len(effect.axes) > 1 or not telling:
+    """The function with the fewest values that explain nearly as much as the most do."""
+    if not telling:
         return effect
-    tried = [effect.told_by(knots) for knots in FINER]
+    tried = [effect.told_by(knots) for knots in FINER[len(effect.axes)]]
     shares = np.array([[_explained(e, place, these) for e in tried] for these in telling])
     told = shares[int(np.argmax(shares.max(1)))]
     return tried[int(np.argmax(told >= (1.0 - TIE) * told.max()))]

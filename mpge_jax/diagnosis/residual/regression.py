@@ -47,6 +47,10 @@ class Blocks:
     def take(self, index: Array) -> Blocks:
         return Blocks(self.gram[index], self.push[index], self.whole[index], self.weight[index])
 
+    def summed(self) -> tuple[Array, Array]:
+        """Weighted sums of `gram` [P, P] and `push` [P]."""
+        return np.tensordot(self.weight, self.gram, 1), self.weight @ self.push
+
     def told_at(self, now: Array) -> Blocks:
         """A problem of changes of the values `now` [P] as one of the values."""
         push = self.push - self.gram @ now
@@ -91,11 +95,13 @@ def roughness(effect: Residual) -> Array:
     return rough + SMALL * np.eye(len(rough))
 
 
-def solved(b: Blocks, effect: Residual, strength: float) -> Array:
-    """The values [P] that are best under a penalty."""
-    gram = np.einsum("b,bpq->pq", b.weight, b.gram)
-    push = b.weight @ b.push
-    penalty = strength * max(float(np.trace(gram)) / len(gram), 1e-300) * roughness(effect)
+def solved(gram: Array, push: Array, rough: Array, strength: float) -> Array:
+    """The values [P] that are best for `Blocks.summed` under a penalty.
+
+    Args:
+        rough: `roughness`.
+    """
+    penalty = strength * max(float(np.trace(gram)) / len(gram), 1e-300) * rough
     return -np.linalg.solve(gram + penalty, push)
 
 
@@ -139,16 +145,17 @@ def stretches(count: int) -> Array:
 
 def smoothed(effect: Residual, place: int, b: Blocks, fold: Array) -> Choice:
     """The function under the penalty that predicts best."""
-    tried = [(float((left := _predicted(effect, b, fold, s)).sum()), s, left) for s in STRENGTHS]
-    _, strength, left = min(tried, key=lambda t: t[:2])
-    return Choice(effect, place, solved(b, effect, strength), left, strength)
+    rough, (gram, push) = roughness(effect), b.summed()
+    folds = [(fold == k, b.take(fold == k)) for k in np.unique(fold)]
+    others = [(gram - g, push - p) for g, p in (part.summed() for _, part in folds)]
 
+    def left(strength: float) -> Array:
+        """What is left [B] of every block by the function that the other folds tell."""
+        out = np.empty(len(fold))
+        for (here, part), told in zip(folds, others, strict=True):
+            out[here] = part.left(solved(*told, rough, strength))
+        return out
 
-def _predicted(effect: Residual, b: Blocks, fold: Array, strength: float) -> Array:
-    """What is left [B] of every block by the function that the other folds tell."""
-    left = np.empty(len(fold))
-    for k in np.unique(fold):
-        here = fold == k
-        x = solved(b.take(~here), effect, strength)
-        left[here] = b.take(here).left(x)
-    return left
+    tried = [(float((each := left(s)).sum()), s, each) for s in STRENGTHS]
+    _, strength, best = min(tried, key=lambda t: t[:2])
+    return Choice(effect, place, solved(gram, push, rough, strength), best, strength)

@@ -69,6 +69,12 @@ def test_what_is_narrow_is_told_by_more_values(place):
     assert inputs(fine) == "q" and fine.counts[0] > 9
 
 
+def test_damping_that_comes_and_goes_with_the_angle_is_told_by_more_values_along_it():
+    force = -0.3 * VALUES["v"] * (1.0 + np.sin(11.0 * VALUES["q"]))
+    (found,) = [e for e in hinted(functions(VALUES), HINGE, [pieces(force)]) if inputs(e) == "q v"]
+    assert found.counts == (18, 6)
+
+
 def test_travels_since_a_turn_leave_room_for_others():
     """Four of them that are the same, and a coupling that explains a little less."""
     travel = 0.2 * RNG.uniform(-1.0, 1.0, 300)

@@ -49,13 +49,13 @@ def test_noise_is_no_function():
 
 def test_the_penalty_pulls_towards_nothing_and_towards_smoothness():
     effect, _, b = candidates(lambda q, v: 0.3 * np.sin(3 * q))[0]
-    free, stiff = (solved(b, effect, s) for s in (1e-9, 1e3))
+    free, stiff = (solved(*b.summed(), roughness(effect), s) for s in (1e-9, 1e3))
     assert stiff @ roughness(effect) @ stiff < 0.1 * free @ roughness(effect) @ free
     # the same problem told as one of changes of some values has the same solution and leaves the same
     values = np.linspace(-1.0, 2.0, free.size)
     changes = Blocks(b.gram, b.push + b.gram @ values, b.left(values) / b.weight, b.weight)
     same = changes.told_at(values)
-    np.testing.assert_allclose(solved(same, effect, 1e-9), free, atol=1e-6)
+    np.testing.assert_allclose(solved(*same.summed(), roughness(effect), 1e-9), free, atol=1e-6)
     np.testing.assert_allclose(same.left(stiff), b.left(stiff), rtol=1e-9)
 
 

@@ -59,10 +59,10 @@ class Residual(Effect):
         self.external = any(a.input == LOAD for a in axes)
         self.equation = f"{self.what} as a function of {', '.join(a.says for a in axes)}"
 
-    def told_by(self, knots: int) -> Residual:
-        """The same function of one input, told by so many values."""
-        (axis,) = self.axes
-        return Residual((replace(axis, knots=knots),), self.below, self.dry)
+    def told_by(self, knots: tuple[int, ...]) -> Residual:
+        """The same function with so many values along each input."""
+        axes = tuple(replace(a, knots=k) for a, k in zip(self.axes, knots, strict=True))
+        return Residual(axes, self.below, self.dry)
 
     @property
     def size(self) -> int:

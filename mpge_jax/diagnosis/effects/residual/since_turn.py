@@ -27,9 +27,9 @@ class SinceTurn(Residual):
             raise ValueError(f"this residual depends on {TURNED}, not on {axis}.")
         super().__init__((axis,), below)
 
-    def told_by(self, knots: int) -> SinceTurn:
-        (axis,) = self.axes
-        return SinceTurn(replace(axis, knots=knots), self.below)
+    def told_by(self, knots: tuple[int, ...]) -> SinceTurn:
+        (axis,), (count,) = self.axes, knots
+        return SinceTurn(replace(axis, knots=count), self.below)
 
     def memory(self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step) -> Any:
         return (0.0 * s.q[..., ctx.qadr(place)] + 0.0 * theta[..., 0],)

@@ -25,9 +25,9 @@ CTX = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
 COUPLED = Residual((Axis("q", -1.0, 1.0, "elbow"), Axis("v", -3.0, 3.0)), 3.0)
 OF_BOTH = Residual((Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)), 3.0)
 ROUGH = Residual((Axis("q", -1.0, 1.0),), 3.0, dry=True)
-FINE = ROUGH.told_by(18)
+FINE = ROUGH.told_by((18,))
 BENDS = SinceTurn(Axis.since_turn(0.05), 3.0)
-FINE_TRAVEL = BENDS.told_by(18)
+FINE_TRAVEL = BENDS.told_by((18,))
 
 
 def step(q: float, v: float, f: float = 0.0) -> Step:
