@@ -35,12 +35,18 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
     best: tuple[float, list[Residual]] = (0.0, [])
     telling = [these for these in tried if these.force.size >= 2 * FOLDS and these.force.any()]
     for these in telling if others else ():
-        told = sorted(((_explained(e, place, these), k) for k, e in enumerate(others)), reverse=True)
+        told = sorted(((_promised(e, place, these), k) for k, e in enumerate(others)), reverse=True)
         alike = [k for _, k in told if others[k].traced][HINTS // 2 :]
         if told[0][0] > best[0]:
             some = [others[k] for share, k in told if share > 0.0 and k not in alike]
             best = told[0][0], some[:HINTS]
     return [_as_fine_as_seen(e, place, telling) for e in plain + best[1]]
+
+
+def _promised(effect: Residual, place: Place, these: Pieces) -> float:
+    """What a function explains; of one input, with as many values as explain most."""
+    tried = [effect.told_by(k) for k in FINER[1]] if len(effect.axes) == 1 else [effect]
+    return max(_explained(e, place, these) for e in tried)
 
 
 def _as_fine_as_seen(effect: Residual, place: Place, telling: list[Pieces]) -> Residual:

@@ -107,3 +107,14 @@ def test_the_verdict_is_told_without_it(asked, monkeypatch):
     result = judgement.judge(p, mujoco.MjModel.from_xml_string(COARSE), s, found, held, None)
     assert result.verdict == "unexplained" and not result.fit.hypothesis.terms
     assert result.held.after.rms == result.held.before.rms and result.error_drop == {}
+
+
+def test_what_names_were_given_up_for_matters_however_slight_it_is(asked, monkeypatch):
+    p, s, damping = asked.p, asked.s, fitted(asked.s, {DAMPING: [0.02]})
+    residual, held = asked.told(damping, 0.1)
+    told = iter([True, False])
+    monkeypatch.setattr(judgement, "matters", lambda *_: next(told))
+    monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: residual)
+    found = Decision(damping, {DAMPING: []}, *what_is_left(p, damping, s), s)
+    result = judgement.judge(p, mujoco.MjModel.from_xml_string(COARSE), s, found, held, None)
+    assert result.verdict == "unexplained" and not result.fit.hypothesis.terms and result.residual is residual
