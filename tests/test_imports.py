@@ -98,6 +98,12 @@ def test_no_folder_holds_too_many_modules(package):
     assert {str(folder.relative_to(ROOT)): n for folder, n in counts.items() if n > MOST} == {}
 
 
+def test_no_two_test_files_have_one_name():
+    """Folders of tests are no packages: pytest takes two files of one name for the same module."""
+    counts = Counter(p.name for p in (ROOT / "tests").rglob("test_*.py"))
+    assert [name for name, n in counts.items() if n > 1] == []
+
+
 def test_every_room_has_its_tests():
     """`tests/` has the folders of the packages: what a room does is tested in the folder of that name."""
     packages = [p.parent for p in (ROOT / "mpge_jax").rglob("__init__.py")][1:]
