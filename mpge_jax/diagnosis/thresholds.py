@@ -33,8 +33,8 @@ HALF_AS_GOOD, FAMILIES = 0.5, 3
 which the best one always is."""
 AFTER, REMAINS = 3, 0.5
 """Effects that the search has found, or degrees of freedom that still lack something, at which effects in every joint
-are tried; and the share of the squared error that may remain with them, or with one unknown force in place of all that
-was named."""
+are tried; and the share of the squared error that may remain with them, with one unknown force in place of all that
+was named, or with functions that are what it depends on."""
 WEAKEST = 6
 """Terms that are tried without at a time: those that the data determine worst."""
 EXCHANGES = 2

@@ -43,9 +43,14 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
     return [_as_fine_as_seen(e, place, telling) for e in plain + best[1]]
 
 
+def _variants(effect: Residual) -> list[Residual]:
+    """The function with each of the `FINER` values, the usual ones first."""
+    return [effect.told_by(knots) for knots in FINER[len(effect.axes)]]
+
+
 def _promised(effect: Residual, place: Place, these: Pieces) -> float:
     """What a function explains; of one input, with as many values as explain most."""
-    tried = [effect.told_by(k) for k in FINER[1]] if len(effect.axes) == 1 else [effect]
+    tried = _variants(effect) if len(effect.axes) == 1 else [effect]
     return max(_explained(e, place, these) for e in tried)
 
 
@@ -53,7 +58,7 @@ def _as_fine_as_seen(effect: Residual, place: Place, telling: list[Pieces]) -> R
     """The function with the fewest values that explain nearly as much as the most do."""
     if not telling:
         return effect
-    tried = [effect.told_by(knots) for knots in FINER[len(effect.axes)]]
+    tried = _variants(effect)
     shares = np.array([[_explained(e, place, these) for e in tried] for these in telling])
     told = shares[int(np.argmax(shares.max(1)))]
     return tried[int(np.argmax(told >= (1.0 - TIE) * told.max()))]

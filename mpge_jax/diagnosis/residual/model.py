@@ -12,12 +12,11 @@ from mpge_jax.diagnosis.effects.residual.axis import Axis
 from mpge_jax.diagnosis.effects.residual.family import residual_of
 from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.thresholds import REMAINS
 
 Array = np.ndarray
 WORTH = 0.01
 """Share by which the error of test recordings must fall."""
-MOST = 0.5
-"""Share of what is left of their squared error that functions must take away to be what it depends on."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class ResidualModel:
     def told(self, guess: str) -> str:
         """On what that which is left depends, in words: the functions' inputs, where these take most of the error away;
         else a guess."""
-        if self.after**2 > MOST * self.before**2:
+        if self.after**2 > REMAINS * self.before**2:
             return guess
         said = [" and ".join(f"the {a.says}" for a in f.axes) for f in self.functions]
         if len(said) == 1:

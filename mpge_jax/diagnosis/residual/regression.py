@@ -146,7 +146,7 @@ def stretches(count: int) -> Array:
 def smoothed(effect: Residual, place: int, b: Blocks, fold: Array) -> Choice:
     """The function under the penalty that predicts best."""
     rough, (gram, push) = roughness(effect), b.summed()
-    folds = [(fold == k, b.take(fold == k)) for k in np.unique(fold)]
+    folds = [(here, b.take(here)) for here in (fold == k for k in np.unique(fold))]
     others = [(gram - g, push - p) for g, p in (part.summed() for _, part in folds)]
 
     def left(strength: float) -> Array:

@@ -15,7 +15,7 @@ from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.machine.joint_space import difference, integrate
 from mpge_jax.diagnosis.simulation.actuator_state import settled
-from mpge_jax.diagnosis.simulation.runtime_effects import DIVERGED, Runtime, either
+from mpge_jax.diagnosis.simulation.runtime_effects import Runtime, diverged, either
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
@@ -74,7 +74,7 @@ def run_up(
             runtime.recall(begins)
         runtime.apply()
         batch.step()
-        lost = ~(np.abs(qvel).max(1) < DIVERGED)
+        lost = diverged(qvel)
         if (k - 1) % every and not lost.any():
             continue
         q, v = recorded(k - 1)

@@ -267,6 +267,11 @@ class Runtime:
             np.maximum(self.dry, 0.0, out=self.dry)
 
 
+def diverged(v: Array) -> Array:
+    """Which simulations are given up, [..., n] of speeds [..., n, nv]."""
+    return ~(np.abs(v).max(-1) < DIVERGED)
+
+
 def either(choice: Array, a: Any, b: Any) -> Any:
     """Memory `a` of the simulations where `choice` [n] holds, and `b` of the others."""
     return tuple(np.where(choice, x, y) for x, y in zip(a, b, strict=True))

@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.simulation.drive_signal import hermite
 from mpge_jax.diagnosis.simulation.guided import Guide
 from mpge_jax.diagnosis.simulation.run_up import run_up
-from mpge_jax.diagnosis.simulation.runtime_effects import DIVERGED, Runtime
+from mpge_jax.diagnosis.simulation.runtime_effects import DIVERGED, Runtime, diverged
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
@@ -85,7 +85,7 @@ def step_by_step(
             guide.place(k + 1)
         q[k + 1], v[k + 1] = qpos, qvel
         if not _calm(qvel):
-            lost = _wild(qvel)
+            lost = diverged(qvel)
             qpos[lost], qvel[lost] = q[0, lost], 0.0
     return _given_up(q, v)
 
@@ -107,18 +107,13 @@ def states_between(m: mujoco.MjModel, q: Array, v: Array, times: Array, dt: floa
 
 
 def _calm(v: Array) -> bool:
-    """Whether nothing diverges (cheaper than `_wild`)."""
+    """Whether nothing diverges (cheaper than `diverged`)."""
     return bool(v.max() < DIVERGED and v.min() > -DIVERGED)
-
-
-def _wild(v: Array) -> Array:
-    """Which simulations diverge, [..., n] of speeds [..., n, nv]."""
-    return ~(np.abs(v).max(-1) < DIVERGED)
 
 
 def _given_up(q: Array, v: Array) -> tuple[Array, Array]:
     """What diverges is given up: from there on it rests where it began."""
     if not _calm(v):
-        lost = np.logical_or.accumulate(_wild(v), axis=0)
+        lost = np.logical_or.accumulate(diverged(v), axis=0)
         q[lost], v[lost] = np.broadcast_to(q[:1], q.shape)[lost], 0.0
     return q, v
