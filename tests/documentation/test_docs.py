@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tyro
 
-from experiments import diagnose, facts, inspect, new, pretrain, sweep, tuning
+from experiments import diagnose, facts, inspect, new, pretrain, sweep
 from experiments.ablation import __main__ as ablation
 from experiments.atlas import __main__ as atlas
 from experiments.benchmark import __main__ as benchmark
@@ -22,6 +22,8 @@ from experiments.results import grounded_returns, heat_map
 from experiments.results import page as results
 from experiments.scale import __main__ as scale
 from experiments.second_author import __main__ as second_author
+from experiments.tuning import search as tuning
+from experiments.tuning import vine
 from mpge_jax.diagnosis.effects import REGISTRY, VOCABULARY
 
 ROOT = Path(__file__).parents[2]
@@ -30,6 +32,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 BY_TYRO = {
     "demo": demo.Args, "sweep": sweep.Args, "benchmark": benchmark.Args, "results": results.Args,
     "pretrain": pretrain.Args, "new": new.Args, "facts": facts.Args, "tuning": tuning.Args, "fleet": fleet.Args,
+    "tuning.vine": vine.Args,
     "scale": scale.Command, "blind": blind.Command, "benchmark.peers": peers.Args,
     "atlas": atlas.Args, "results.heat_map": heat_map.Args, "ablation": ablation.Command,
     "results.grounded_returns": grounded_returns.Args, "second_author": second_author.Command,

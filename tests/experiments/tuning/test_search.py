@@ -7,7 +7,8 @@ import pytest
 
 import envs
 from envs import registry
-from experiments import paper, storage, tuning
+from experiments import paper, storage
+from experiments.tuning import search as tuning
 
 SOURCES = ("InvertedPendulum", "HalfCheetah")
 

@@ -1,15 +1,11 @@
 """Where the presets `quick` and `standard` were chosen: two targets that no table shows.
 
-python -m experiments.tuning --out results/tuning
-
 Each candidate differs from a base in the settings that it is named by; all ground one transformer with five policies
 (MPG-MS) from the same logs. Judged is the action-transformation error (uniform random actions, logged states). Writes
 docs/tuning.md. A candidate that is done is not run again.
 """
 
 import json
-import sys
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +13,6 @@ from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import tyro
 
 from mpge_jax import own_envs as own_envs  # isort: split
@@ -25,14 +20,13 @@ from mpge_jax import own_envs as own_envs  # isort: split
 import envs
 from experiments.ending import exit_status
 from experiments.presets import STANDARD, VineSettings
-from experiments.storage import plain, versions
+from experiments.storage import plain
+from experiments.tuning.trial import spread, trial
 from mpge_jax import files
-from mpge_jax.grounding import ensemble, transform_error
 from mpge_jax.grounding.config import GroundingConfig
 from mpge_jax.grounding.discriminator import DiscriminatorConfig
 from mpge_jax.grounding.transformer import TransformerConfig
 from mpge_jax.learning.trpo import TRPOConfig
-from mpge_jax.rollouts import policies, target_log
 
 SAMPLES = 1_000
 SEEDS = 2
@@ -177,38 +171,10 @@ class Args:
 
 
 def run(task: str, candidate: Candidate) -> dict[str, Any]:
-    """Errors of a candidate at a quarter, half and the end of its run, `[SEEDS]` each."""
-    target, source = envs.make(task), envs.make(envs.source_of(task))
-    config = candidate.change(base(source.name))
-    rollout = policies.shipped(source.name, "MS")[0].rollout
-    keys = jax.random.split(jax.random.key(0), SEEDS)
-    sets = jax.tree.map(lambda x: jnp.stack([x] * SEEDS), rollout)
-    logs = jax.vmap(lambda key, one: target_log.collect(key, target, one, SAMPLES))(keys, sets)
-    started = time.monotonic()
-    _, curve = ensemble.ground_ensemble(
-        source,
-        sets,
-        logs,
-        config,
-        jax.random.split(jax.random.key(1), SEEDS),
-        truth=transform_error.truth_of(target),
-        title=f"{task} {candidate.method} {candidate.what}",
-    )
-    error = np.asarray(curve["error_uniform"])
-    at = {share: round(share * len(error)) for share in (0.25, 0.5, 1.0)}
-    return {
-        "task": task,
-        "method": candidate.method,
-        "what": candidate.what,
-        "iterations": len(error),
-        "simulator_steps": len(error) * config.simulator_steps,
-        "config": plain(config),
-        "errors": {
-            str(share): error[max(0, i - 5) : i].mean(axis=0).round(4).tolist() for share, i in at.items()
-        },
-        "seconds": round(time.monotonic() - started, 1),
-        "versions": versions(),
-    }
+    """What a candidate's grounding came to."""
+    title = f"{task} {candidate.method} {candidate.what}"
+    found = trial(task, candidate.change(base(envs.source_of(task))), SAMPLES, SEEDS, title)
+    return {"method": candidate.method, "what": candidate.what, **found}
 
 
 def markdown(rows: list[dict[str, Any]]) -> str:
@@ -242,7 +208,7 @@ def markdown(rows: list[dict[str, Any]]) -> str:
             "|---|---|--:|--:|--:|--:|--:|",
         ]
         for row in of:
-            errors = " | ".join(_range(row["errors"][share]) for share in ("0.25", "0.5", "1.0"))
+            errors = " | ".join(spread(row["errors"][share]) for share in ("0.25", "0.5", "1.0"))
             picked = row["config"] == plain(chosen(envs.source_of(task), row["method"]))
             what = f"**{row['what']}**" if picked else row["what"]
             lines.append(
@@ -251,10 +217,6 @@ def markdown(rows: list[dict[str, Any]]) -> str:
     if rows:
         lines += ["", f"Machine: {rows[0]['versions']['machine']}."]
     return "\n".join(lines) + "\n"
-
-
-def _range(values: list[float]) -> str:
-    return f"{np.mean(values):.3f} ({min(values):.3f} to {max(values):.3f})"
 
 
 def register() -> None:
@@ -293,7 +255,3 @@ def records(folder: Path) -> dict[str, list[tuple[Candidate, Path]]]:
         v.name: [(c, folder / v.name / f"{c.name}.json") for c in tried(envs.source_of(v.name))]
         for v in VARIANTS
     }
-
-
-if __name__ == "__main__":
-    sys.exit(main())
