@@ -99,7 +99,7 @@ def markdown(rows: list[dict[str, Any]]) -> str:
     lines = [
         "# What each change of Vine brings",
         "",
-        "Written by `python -m experiments.tuning.vine` from [results/vine](results/vine). `MPG-MS` has the paper's "
+        "Written by `python -m experiments.tuning.vine` from `docs/results/vine`. `MPG-MS` has the paper's "
         "structure, `Vine` is this project's ([grounding.md](grounding.md)); each change between them is taken back "
         f"alone, or made alone. {TASK}, preset `standard`, one transformer and five policies (`MS`), {SEEDS} seeds, "
         "as many transitions a policy update in all rows. Figures: action-transformation error on logged states at "
