@@ -258,8 +258,8 @@ GATES = (
         "effects go beside which a function of what has no name could not be told, or with which its error is larger",
         ("REMAINS",),
         "verdict.beside_functions:without_needless",
-        lambda _own, _p, _s, found, *_args: found,
-        lambda answer, _p, _s, found, *_args: answer is not found,
+        lambda _own, _p, _s, found, _at, functions, *_args: (found, functions),
+        lambda answer, _p, _s, found, *_args: answer[0] is not found,
     ),
     Gate(
         "chosen by others",

@@ -28,8 +28,8 @@ def without_needless(
     residual: ResidualModel,
     held: FitReport,
     doubtful: Collection[Term],
-) -> Decision:
-    """What was found, without the effects without which the test recordings are predicted no worse.
+) -> tuple[Decision, ResidualModel]:
+    """What was found, without the effects without which the test recordings are predicted no worse; and the functions.
 
     Those that may be a part of what has no name are taken away first, together, where they act on the joint of a
     function alone and recordings are predicted far better for it: beside them the function could not be told. Then
@@ -53,9 +53,9 @@ def without_needless(
         f, residual = better
         gone.append(harmful)
     if not gone:
-        return found
+        return found, residual
     p.warnings += left_out(gone, HARM)
-    return with_fewer(p, s, found, f)
+    return with_fewer(p, s, found, f), residual
 
 
 def _harmful(p: Prepared, f: Fitted, residual: ResidualModel, held: FitReport) -> Term | None:

@@ -21,7 +21,7 @@ from mpge_jax.diagnosis.evidence.held_out_error import (
     fit_report,
 )
 from mpge_jax.diagnosis.measurement.numerics_seen import numerics_seen
-from mpge_jax.diagnosis.residual.model import with_residual
+from mpge_jax.diagnosis.residual.model import ResidualModel, with_residual
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.selection.criteria import may_be_none
 from mpge_jax.diagnosis.selection.procedure import Decision
@@ -92,13 +92,13 @@ def judge(
     found: Decision,
     held: FitReport,
     drives: ActuatorSide | None,
-    given_up: bool = False,
+    functions: ResidualModel | None = None,
 ) -> Result:
     """The verdict on what was found of the machine and of its drives.
 
     Args:
         plain: the nominal model. s: the search that decided. held: errors on test recordings. drives: None where no
-            force was measured. given_up: whether effects were, for functions of what has no name: then it matters.
+            force was measured. functions: of what has no name, for which effects were given up: then it matters.
     """
     shown = p, found.fit
     corrected = bool(found.fit.hypothesis.terms)
@@ -127,15 +127,20 @@ def judge(
         each = {t: e.joint for t, e in errors_without(p, found.fit, held).items()}
         joints = [[j] for j in p.model.dof_jntid]
         beside = left_beside(p, told["at"], held.after.joint, each, held.floor, joints)
-        unexplained = told if given_up or matters(share, [x.there for x in beside.values()]) else None
+        unexplained = told if functions or matters(share, [x.there for x in beside.values()]) else None
     if unexplained is not None:
-        s.say("modelling what is left")
-        residual = residual_of_motion(p, s, found.fit, unexplained["at"], shown, held)
+        residual = functions
+        if residual is None:
+            s.say("modelling what is left")
+            residual = residual_of_motion(p, s, found.fit, unexplained["at"], shown, held)
+            if residual is not None:
+                fewer, its = without_needless(
+                    p, s, found, unexplained["at"], residual, held, doubtful(beside, None)
+                )
+                if fewer is not found:
+                    return judge(p, plain, s, fewer, fit_report(p, fewer.fit, "test"), drives, its)
         if residual is not None:
             unexplained["when"] = residual.told(unexplained["when"])
-            fewer = without_needless(p, s, found, unexplained["at"], residual, held, doubtful(beside, None))
-            if fewer is not found:
-                return judge(p, plain, s, fewer, fit_report(p, fewer.fit, "test"), drives, given_up=True)
     if unexplained is None:
         p.warnings += stepped
         p.warnings += struck(p, found, held)

@@ -44,7 +44,7 @@ def asked(rubbing_coarsely, plain_functions):
 
     def ask(named, torque: float, doubtful=()):
         found = Decision(fitted(s, named), {t: [] for t in named}, Floor(), None, s)
-        return without_needless(p, s, found, ["hinge"], *told(found.fit, torque), doubtful), found
+        return without_needless(p, s, found, ["hinge"], *told(found.fit, torque), doubtful)[0], found
 
     return SimpleNamespace(told=told, of=ask, p=p, s=s)
 
@@ -110,11 +110,16 @@ def test_the_verdict_is_told_without_it(asked, monkeypatch):
 
 
 def test_what_names_were_given_up_for_matters_however_slight_it_is(asked, monkeypatch):
+    """And its functions are those beside which the others were fitted: what is left is modelled no second time."""
     p, s, damping = asked.p, asked.s, fitted(asked.s, {DAMPING: [0.02]})
     residual, held = asked.told(damping, 0.1)
-    told = iter([True, False])
+    told, modelled = iter([True, False]), iter([residual])
+    beside: list[ResidualModel] = []
+    own = module.residual_of_motion
     monkeypatch.setattr(judgement, "matters", lambda *_: next(told))
-    monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: residual)
+    monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: next(modelled))
+    monkeypatch.setattr(module, "residual_of_motion", lambda *given: beside.append(own(*given)) or beside[-1])
     found = Decision(damping, {DAMPING: []}, *what_is_left(p, damping, s), s)
     result = judgement.judge(p, mujoco.MjModel.from_xml_string(COARSE), s, found, held, None)
-    assert result.verdict == "unexplained" and not result.fit.hypothesis.terms and result.residual is residual
+    assert result.verdict == "unexplained" and not result.fit.hypothesis.terms
+    assert result.residual is beside[-1] and result.residual.before == result.held.after.rms

@@ -105,7 +105,7 @@ def rubs_otherwise(plain_functions):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(judgement, "residual_of_motion", lambda *_: ResidualModel((BRAKES,), 0.2, 0.1))
         # nobody fitted that function beside the damping
-        patched.setattr(judgement, "without_needless", lambda _p, _s, found, *_: found)
+        patched.setattr(judgement, "without_needless", lambda _p, _s, found, _at, its, *_: (found, its))
         recordings = record(ARM, [4.0, 0.8], force=force, seconds=3.0)
         return diagnose(mujoco.MjSpec.from_string(ARM), recordings, Config(effects=effects, jobs=1))
 
