@@ -9,6 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.evidence.folds import folds
 from mpge_jax.diagnosis.force_balance.low_pass import lagged, low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import Key, Rigid, needed
 from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, tracks
@@ -18,10 +19,6 @@ from mpge_jax.diagnosis.simulation.single_step import Machine
 Array = np.ndarray
 BLOCKS = 40
 """Stretches of time into which the training recordings are cut: errors within one are alike, those of two are not."""
-FOLDS = 5
-"""Parts of the recordings, each of which is predicted from the others."""
-RECORDINGS = 3
-"""Recordings from which on whole ones are predicted from the others."""
 STEP = 0.05
 """Step of finite differences, in the scale of a parameter."""
 
@@ -34,7 +31,7 @@ class Balance:
         tracks: rows of every recording.
         measured: [N, nu] forces of all of them (NaN: none), below the motion's frequency.
         block: [N] number of each row's block.
-        fold: [B] part to which each block belongs: whole recordings, or stretches where there are few recordings.
+        fold: [B] part to which each block belongs (`folds`).
     """
 
     ctx: Context
@@ -56,13 +53,12 @@ class Balance:
             first += count
             of += [k] * count
         measured = [_seen(t.force, t.time, resolution.motion) for t in rows]
-        fold = np.array(of) % FOLDS if len(rows) >= RECORDINGS else np.arange(first) * FOLDS // first
         return Balance(
             ctx,
             rows,
             np.concatenate(measured),
             np.concatenate(block),
-            fold,
+            folds(np.array(of), np.arange(first)),
             resolution,
             [{} for _ in rows],
         )

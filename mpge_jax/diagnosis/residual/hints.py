@@ -8,8 +8,9 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual.force import Residual
+from mpge_jax.diagnosis.evidence.folds import FOLDS
 from mpge_jax.diagnosis.residual.points import Pieces
-from mpge_jax.diagnosis.residual.regression import FOLDS, TIE, Blocks, smoothed, stretches
+from mpge_jax.diagnosis.residual.regression import TIE, Blocks, smoothed
 
 Array = np.ndarray
 HINTS = 4
@@ -71,6 +72,5 @@ def _explained(effect: Residual, place: Place, these: Pieces) -> float:
     missing = these.force / these.unsure
     weight = 1.0 / (1.0 + missing**2 / np.median(missing**2))
     blocks = Blocks.of(columns[..., None], -missing[:, None], weight)
-    return 1.0 - float(
-        smoothed(effect, place.index, blocks, stretches(missing.size)).left.sum() / (weight @ blocks.whole)
-    )
+    left = smoothed(effect, place.index, blocks, these.fold).left
+    return 1.0 - float(left.sum() / (weight @ blocks.whole))

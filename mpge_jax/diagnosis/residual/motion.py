@@ -13,13 +13,14 @@ from mpge_jax.diagnosis.effects.residual.family import residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
+from mpge_jax.diagnosis.evidence.folds import folds
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.residual.formula import formula
 from mpge_jax.diagnosis.residual.hints import hinted
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
 from mpge_jax.diagnosis.residual.points import pieces
-from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, smoothed, stretches
+from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, smoothed
 from mpge_jax.diagnosis.residual.roll_out import stays
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
@@ -61,7 +62,7 @@ def residual_of_motion(
 def functions_of_motion(p: Prepared, s: Search, f: Fitted, at: list[str]) -> tuple[list[Function], Fitted]:
     """Functions, at most one of each place, that explain what `f` leaves of the training recordings; and `f` with them.
 
-    Inputs and smoothness are those with which stretches of these recordings are best predicted from the others.
+    Inputs and smoothness are those with which some of these recordings are best predicted from the others (`folds`).
     """
     places, fitted = places_of(p, at), f
     found: list[Function] = []
@@ -78,7 +79,7 @@ def functions_of_motion(p: Prepared, s: Search, f: Fitted, at: list[str]) -> tup
 
 def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows) -> Function | None:
     """The function at one of the places that explains most of what `f` leaves."""
-    fold = stretches(w.count)
+    fold = folds(w.recording, w.start)
     known = {place: seen(p, place) for place in places}
     candidates = [(e, x) for x in places for e in hinted(functions(known[x]), x, pieces(p, "train", f, x))]
     longer = p.windows("train", p.config.report_s, WINDOWS, seed=18)

@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual.force import driven_by
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.missing_force import missing
+from mpge_jax.diagnosis.evidence.folds import folds
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.recordings.three_parts import Part
@@ -41,11 +42,12 @@ class Points:
 @dataclass(frozen=True)
 class Pieces:
     """force: [N] on the joint that is missing in each piece, taken for constant. unsure: [N] its standard errors.
-    values: of every input (`Axis.key`) amid the piece, each [N]."""
+    values: of every input (`Axis.key`) amid the piece, each [N]. fold: [N] part to which it belongs (`folds`)."""
 
     force: Array
     unsure: Array
     values: dict[str, Array]
+    fold: Array
 
     def beside(self, function: Function) -> Points:
         """What is missing of the function's own kind: of dry friction, force against the motion."""
@@ -86,7 +88,8 @@ def pieces(p: Prepared, part: Part, f: Fitted, place: Place) -> Iterator[Pieces]
         }
         force, unsure = (x[:, p.ctx.dof(place)] for x in missing(p.sim, f, w, p.noise))
         sure = unsure < ODD * np.median(unsure)
-        yield Pieces(force[sure], unsure[sure], {key: x[sure] for key, x in values.items()})
+        fold = folds(w.recording[sure], w.start[sure])
+        yield Pieces(force[sure], unsure[sure], {key: x[sure] for key, x in values.items()}, fold)
 
 
 def missing_in_forces(p: Prepared, f: Fitted, held: ForceErrors, function: Function) -> Points:
@@ -117,4 +120,4 @@ def rows_of(p: Prepared, b: Balance, f: Fitted, missing: Array, place: Place) ->
     turns = [since_turns(p, place, t.q) for t in b.tracks]
     values = values_along(p, place, q[kept], v[kept])
     values |= {key: np.concatenate([t[key] for t in turns])[kept] for key in turns[0]}
-    return Pieces(force[kept], np.ones(kept.size), values)
+    return Pieces(force[kept], np.ones(kept.size), values, b.fold[b.block[kept]])

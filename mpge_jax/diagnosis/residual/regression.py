@@ -13,8 +13,6 @@ from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatte
 Array = np.ndarray
 STRENGTHS = 10.0 ** np.arange(-6.0, 2.5)
 """Weights of the penalty that are tried, in units of the mean information of a value."""
-FOLDS = 5
-"""Stretches of recordings that are each predicted from the others."""
 SMALL = 0.01
 """Weight of the values themselves beside that of their second differences."""
 TIE = 0.01
@@ -136,11 +134,6 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
 
 def _elaborate(effect: Residual) -> tuple[int, bool, list[tuple[bool, int]]]:
     return len(effect.axes), effect.dry, [(bool(a.joint), list(INPUTS).index(a.input)) for a in effect.axes]
-
-
-def stretches(count: int) -> Array:
-    """To which stretch each of so many blocks in a row belongs [B]."""
-    return np.arange(count) * FOLDS // count
 
 
 def smoothed(effect: Residual, place: int, b: Blocks, fold: Array) -> Choice:

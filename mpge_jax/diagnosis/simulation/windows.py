@@ -69,6 +69,12 @@ class Windows:
         return digest.digest()
 
     @property
+    def recording(self) -> Array:
+        """[W] number of the recording: two sources may be parts of one."""
+        logs = [s.recording.log for s in self.sources]
+        return np.unique(logs, return_inverse=True)[1][self.source]
+
+    @property
     def count(self) -> int:
         return int(self.source.size)
 

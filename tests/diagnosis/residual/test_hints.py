@@ -8,6 +8,7 @@ import pytest
 
 from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.residual.force import Residual
+from mpge_jax.diagnosis.evidence.folds import FOLDS
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.residual.hints import HINTS, hinted
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
@@ -20,11 +21,13 @@ KEYS = ("q", "v", "l", "f", "q@elbow", "v@elbow", "f@elbow", "q@wrist", "v@wrist
 RNG = np.random.default_rng(0)
 VALUES = {key: RNG.uniform(-1.0, 1.0, 300) for key in KEYS}
 VALUES |= {key: float(key[1:]) * RNG.uniform(-1.0, 1.0, 300) for key in TURNS}
+STRETCHES = np.arange(300) * FOLDS // 300
 
 
 def pieces(force: np.ndarray, noise: float = 0.02) -> Pieces:
     unsure = np.full(force.size, noise)
-    return Pieces(force + noise * np.random.default_rng(1).standard_normal(force.size), unsure, VALUES)
+    seen = force + noise * np.random.default_rng(1).standard_normal(force.size)
+    return Pieces(seen, unsure, VALUES, STRETCHES)
 
 
 def inputs(effect: Residual) -> str:
@@ -87,7 +90,7 @@ def test_travels_since_a_turn_leave_room_for_others():
     same = {f"z{most}": travel for most in (0.2, 0.201, 0.202, 0.203)}
     values = {key: x for key, x in VALUES.items() if key not in TURNS} | same
     force = travel + 0.3 * VALUES["q@elbow"] * VALUES["v@elbow"]
-    these = Pieces(force, np.full(300, 0.02), values)
+    these = Pieces(force, np.full(300, 0.02), values, STRETCHES)
     found = [inputs(e) for e in hinted(functions(values), HINGE, [these])][4:]
     assert "q@elbow v@elbow" in found and len([x for x in found if x.startswith("z")]) == HINTS // 2
 
@@ -101,7 +104,7 @@ def test_the_length_of_the_pieces_is_the_one_that_shows_most():
 
 def test_where_nothing_is_missing_or_known_only_the_joints_own_inputs_are_tried():
     every = functions(VALUES)
-    few = Pieces(np.ones(5), np.ones(5), {key: x[:5] for key, x in VALUES.items()})
+    few = Pieces(np.ones(5), np.ones(5), {key: x[:5] for key, x in VALUES.items()}, np.arange(5))
     for tried in ([], [few], [pieces(np.zeros(300), 0.0)]):
         assert [inputs(e) for e in hinted(every, HINGE, tried)] == ["q", "v", "l", "f"]
 

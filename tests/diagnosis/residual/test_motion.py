@@ -74,6 +74,19 @@ def test_a_spring_that_yields_and_remembers_is_learned():
     assert [a.input for a in function.axes] == ["z"] and 0.07 < function.axes[0].high < 0.3
 
 
+def test_functions_are_judged_by_recordings_that_they_were_not_fitted_to(rubbing_coarsely, monkeypatch):
+    """Parts of one recording are much alike: what is told of one part is known of the other."""
+    s, p = rubbing_coarsely
+    p, folds = p.all_to_train(), []
+    monkeypatch.setattr(motion, "best_function", lambda _candidates, fold: folds.append(fold))
+    assert motion.functions_of_motion(p, s, NOTHING, ["hinge"]) == ([], NOTHING)
+    w = p.windows("train", p.config.decide_s, motion.WINDOWS, seed=17)
+    logs = np.array([source.recording.log for source in w.sources])[w.source]
+    assert len(w.sources) > len(set(logs)) >= 3
+    for fold in folds:
+        assert len({*zip(logs, fold, strict=True)}) == len(set(logs)) == len(set(fold))
+
+
 def test_where_nothing_is_left_there_is_no_function(rubbing_coarsely):
     s, p = rubbing_coarsely
     f = fitted(s, {COULOMB: [0.1]})
