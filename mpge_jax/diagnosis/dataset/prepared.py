@@ -70,20 +70,20 @@ class Prepared:
         train, choice, test = (tuple(map(change, part)) for part in (self.train, self.choice, self.test))
         return replace(self, train=train, choice=choice, test=test)
 
-    def guiding(self, dof: int) -> Prepared:
-        """The same where one hinge or slide moves as recorded: what acts there is not told, nor does it mislead what is
-        told of the others. Its warnings are its own."""
-        qadr = int(self.model.jnt_qposadr[self.model.dof_jntid[dof]])
+    def guiding(self, *dofs: int) -> Prepared:
+        """The same where some hinges or slides move as recorded: what acts there is not told, nor does it mislead what
+        is told of the others. Its warnings are its own."""
+        at, qadr = list(dofs), self.model.jnt_qposadr[self.model.dof_jntid[list(dofs)]]
 
         def unseen(s: Source) -> Source:
             r, qpos = s.recording, s.recording.qpos.copy()
             qvel = None if r.qvel is None else r.qvel.copy()
             qpos[:, qadr] = np.nan
             if qvel is not None:
-                qvel[:, dof] = np.nan
+                qvel[:, at] = np.nan
             return replace(s, recording=replace(r, qpos=qpos, qvel=qvel))
 
-        return replace(self.mapped(unseen), sim=self.sim.guiding(dof), warnings=list(self.warnings))
+        return replace(self.mapped(unseen), sim=self.sim.guiding(*dofs), warnings=list(self.warnings))
 
     def windows(
         self,

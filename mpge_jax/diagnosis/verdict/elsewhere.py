@@ -2,12 +2,15 @@
 
 What has no name falsifies what is told of all joints that it moves. Where their own motion is told beside the recorded
 one of its joint it need not be known: they feel that joint's position, speed and acceleration, and nothing else of it.
+Joints that it does not move are told as well already: those of other kinematic trees move as recorded too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
+import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -36,23 +39,29 @@ def elsewhere(
     Args:
         at: joints or actuators at which something is left, likeliest first.
     """
-    if p.model.njnt < 2 or p.ctx.contacts:
+    if p.ctx.contacts:
         return None
     joints = dict.fromkeys(j for name in at for j in joints_at(p, name) if is_scalar(p.model, j))
     for joint in list(joints)[:TRIES]:
+        held = _with_those_it_does_not_move(p.model, joint)
+        if len(held) == p.model.njnt:
+            continue
         name = p.names.joints[joint]
         say(f"looking for what acts elsewhere while the {name} moves as recorded")
-        machine = p.guiding(int(p.model.jnt_dofadr[joint]))
+        machine = p.guiding(*(int(p.model.jnt_dofadr[j]) for j in held))
+        kept = found.fit.of_terms(p.ctx, _kept(p, found.fit.hypothesis, joint, held))
+        machine = replace(machine, sim=machine.sim.beside(kept.hypothesis, kept.theta))
         search = build_search(machine, say, p.config.decide_s)
-        search.terms = [t for t in search.terms if not _only_at(p, t, joint)]
+        search.terms = [
+            t for t in search.terms if not _only_at(p, t, held) and t not in kept.hypothesis.terms
+        ]
         others, _ = tested(machine, search, decide(machine, search, say))
         s.log += search.log
         if others.left is None:
             break
     else:
         return None
-    terms = found.fit.hypothesis.terms
-    here = Hypothesis.of(*(t for t in terms if _only_at(p, t, joint)))
+    terms, here = found.fit.hypothesis.terms, kept.hypothesis
     there = Hypothesis.of(*(t for t in terms if t not in here.terms))
     if not _tells_more(search, others.fit, found.fit.of_terms(p.ctx, there)):
         return None
@@ -72,8 +81,24 @@ def _tells_more(s: Search, new: Fitted, old: Fitted) -> bool:
     return clearly_worse(before, after)
 
 
-def _only_at(p: Prepared, term: Term, joint: int) -> bool:
-    return acted_on(p.model, term.place) == [joint]
+def _with_those_it_does_not_move(model: mujoco.MjModel, joint: int) -> list[int]:
+    """A joint and the hinges and slides of other kinematic trees, unless something couples trees."""
+    if model.neq or model.ntendon:
+        return [joint]
+    tree = model.dof_treeid[model.jnt_dofadr]
+    return [j for j in range(model.njnt) if j == joint or (tree[j] != tree[joint] and is_scalar(model, j))]
+
+
+def _kept(p: Prepared, h: Hypothesis, joint: int, held: list[int]) -> Hypothesis:
+    """The effects that act at held joints alone, and those that act in other trees too, which tell them as well."""
+    elsewhere = set(held) - {joint}
+    return Hypothesis.of(
+        *(t for t in h.terms if _only_at(p, t, held) or elsewhere & set(acted_on(p.model, t.place)))
+    )
+
+
+def _only_at(p: Prepared, term: Term, joints: list[int]) -> bool:
+    return set(acted_on(p.model, term.place)) <= set(joints)
 
 
 def _together(p: Prepared, found: Fitted, here: Hypothesis, others: Fitted) -> Fitted:

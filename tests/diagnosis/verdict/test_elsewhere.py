@@ -117,3 +117,50 @@ def test_what_acts_at_the_guided_joint_alone_is_not_looked_for(arm, monkeypatch)
 def test_a_machine_with_one_joint_has_no_other_joints():
     p = prepared_of(PENDULUM, record(PENDULUM, 0.8))
     assert elsewhere(p, None, None, ["hinge"], QUIET) is None
+
+
+BESIDE = ARM.replace(
+    "</worldbody>",
+    '<body name="other" pos="0 1 0"><joint name="swing" axis="0 1 0" damping="0.05"/>'
+    '<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1" contype="0" conaffinity="0"/></body></worldbody>',
+).replace("</actuator>", '<motor name="swing_motor" joint="swing"/></actuator>')
+SWINGS, SHARED = (
+    Term("coulomb_friction", Place("joint", "swing", 2)),
+    Term("mass_scale", Place("world", "world", 0)),
+)
+
+
+def test_joints_of_other_trees_move_as_recorded_too_and_what_was_found_there_stays(monkeypatch):
+    """An arm and a pendulum that do not move each other."""
+    s, p = search_of(BESIDE, record(BESIDE, [1.0, 0.6, 0.8], count=3, seconds=1.5))
+    found = dataclasses.replace(
+        fitted(s, {SWINGS: [0.05], SHARED: [1.1], LOAD: [0.03, 0.0, 0.02]}), cov=np.eye(5)
+    )
+    rubs, seen = dataclasses.replace(fitted(s, {RUBS: [0.1]}), cov=np.eye(1)), []
+
+    def searched(machine, search, _say):
+        seen.append((machine.sim.guided, machine.sim.always[0].terms, search.terms))
+
+    monkeypatch.setattr(module, "decide", searched)
+    monkeypatch.setattr(module, "tested", lambda _p, s, _d: (Decision(rubs, {}, Floor(), None, s), None))
+    monkeypatch.setattr(module, "_tells_more", lambda _s, new, old: old.hypothesis.terms == (LOAD,))
+    answer = elsewhere(p, s, Decision(found, {}, Floor(), None, s), ["swing", "shoulder"], QUIET)
+    # nothing hangs on the pendulum's joint
+    ((guided, known, terms),) = seen
+    assert guided == (0, 2) and set(known) == {SWINGS, SHARED}
+    assert RUBS in terms and LOAD in terms and not {SWINGS, SHARED} & set(terms)
+    assert not any(t.place.name in ("shoulder", "swing") for t in terms)
+    assert answer is not None and set(answer.fit.hypothesis.terms) == {SWINGS, SHARED, RUBS}
+
+
+@pytest.mark.parametrize(
+    "coupling",
+    [
+        '<equality><joint joint1="elbow" joint2="swing"/></equality>',
+        '<tendon><fixed name="rope"><joint joint="elbow" coef="1"/><joint joint="swing" coef="1"/></fixed></tendon>',
+    ],
+)
+def test_trees_that_something_couples_are_one(coupling):
+    model = mujoco.MjModel.from_xml_string(BESIDE.replace("<actuator>", coupling + "<actuator>"))
+    assert module._with_those_it_does_not_move(model, 0) == [0]
+    assert module._with_those_it_does_not_move(mujoco.MjModel.from_xml_string(BESIDE), 0) == [0, 2]
