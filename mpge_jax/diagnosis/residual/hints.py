@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.evidence.folds import FOLDS
 from mpge_jax.diagnosis.residual.points import Pieces
-from mpge_jax.diagnosis.residual.regression import TIE, Blocks, smoothed
+from mpge_jax.diagnosis.residual.regression import Blocks, Choice, fewest, smoothed
 
 Array = np.ndarray
 HINTS = 4
@@ -44,33 +44,31 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
     return [_as_fine_as_seen(e, place, telling) for e in plain + best[1]]
 
 
-def _variants(effect: Residual) -> list[Residual]:
+def variants(effect: Residual) -> list[Residual]:
     """The function with each of the `FINER` values, the usual ones first."""
     return [effect.told_by(knots) for knots in FINER[len(effect.axes)]]
 
 
 def _promised(effect: Residual, place: Place, these: Pieces) -> float:
     """What a function explains; of one input, with as many values as explain most."""
-    tried = _variants(effect) if len(effect.axes) == 1 else [effect]
-    return max(_explained(e, place, these) for e in tried)
+    tried = variants(effect) if len(effect.axes) == 1 else [effect]
+    return max(_explained(e, place, these)[0] for e in tried)
 
 
 def _as_fine_as_seen(effect: Residual, place: Place, telling: list[Pieces]) -> Residual:
-    """The function with the fewest values that explain nearly as much as the most do."""
-    if not telling:
+    """The function with as many values as the pieces show by which most is explained."""
+    told = [[_explained(e, place, these) for e in variants(effect)] for these in telling]
+    if not told:
         return effect
-    tried = _variants(effect)
-    shares = np.array([[_explained(e, place, these) for e in tried] for these in telling])
-    told = shares[int(np.argmax(shares.max(1)))]
-    return tried[int(np.argmax(told >= (1.0 - TIE) * told.max()))]
+    return fewest([choice for _, choice in max(told, key=lambda t: max(share for share, _ in t))]).effect
 
 
-def _explained(effect: Residual, place: Place, these: Pieces) -> float:
+def _explained(effect: Residual, place: Place, these: Pieces) -> tuple[float, Choice]:
     """Share of the squared force, in units of its standard errors, that a function told from other pieces explains."""
     parts = np.array(effect.basis(np, [these.values[a.key] for a in effect.axes]))
     columns = parts * effect.against(these.values) / these.unsure
     missing = these.force / these.unsure
     weight = 1.0 / (1.0 + missing**2 / np.median(missing**2))
     blocks = Blocks.of(columns[..., None], -missing[:, None], weight)
-    left = smoothed(effect, place.index, blocks, these.fold).left
-    return 1.0 - float(left.sum() / (weight @ blocks.whole))
+    choice = smoothed(effect, place.index, blocks, these.fold)
+    return 1.0 - float(choice.left.sum() / (weight @ blocks.whole)), choice

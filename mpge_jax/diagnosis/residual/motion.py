@@ -16,11 +16,11 @@ from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.evidence.folds import folds
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.residual.formula import formula
-from mpge_jax.diagnosis.residual.hints import hinted
+from mpge_jax.diagnosis.residual.hints import hinted, variants
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
 from mpge_jax.diagnosis.residual.points import pieces
-from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, smoothed
+from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, fewest, smoothed
 from mpge_jax.diagnosis.residual.roll_out import stays
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
@@ -83,7 +83,7 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     known = {place: seen(p, place) for place in places}
     candidates = [(e, x) for x in places for e in hinted(functions(known[x]), x, pieces(p, "train", f, x))]
     longer = p.windows("train", p.config.report_s, WINDOWS, seed=18)
-    now, term, theta, tried = f, None, np.zeros(0), []
+    now, term, theta, tried, fine = f, None, np.zeros(0), [], set[str]()
     for _ in range(PASSES):
         task = _Task(p, f, w, s.whiten_one(now, w), fold)
         weight = task.weight(now)
@@ -91,7 +91,15 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
         best = best_function(problems, fold)
         if best is None:
             break
-        chosen = Term(best.effect.id, next(x for x in places if x.index == best.place))
+        place = next(x for x in places if x.index == best.place)
+        if best.effect.id not in fine:
+            told = task.as_fine_as_shown(best, place, weight)
+            candidates = [
+                (told.effect, x) if (e, x) == (best.effect, place) else (e, x) for e, x in candidates
+            ]
+            best = told
+            fine.add(best.effect.id)
+        chosen = Term(best.effect.id, place)
         theta = task.solved(chosen, best, theta if chosen == term else None)
         term, now = chosen, with_function(p.ctx, f, chosen, theta)
         tried.append((errors(p.sim, now, longer, p.noise).rms, term, theta))
@@ -136,6 +144,15 @@ class _Task:
                 break
             best = least
         return theta
+
+    def as_fine_as_shown(self, found: Choice, place: Place, weight: Array) -> Choice:
+        """The function with as many values as windows show.
+
+        Args:
+            weight: [B] of the windows.
+        """
+        problems = [(e, self.near(Term(e.id, place), None, weight)) for e in variants(found.effect)]
+        return fewest([smoothed(e, found.place, b, self.fold) for e, b in problems])
 
     def near(self, term: Term, theta: Array | None = None, weight: Array | None = None) -> Blocks:
         """The windows' least-squares problem of a function's values, told near some values (0).

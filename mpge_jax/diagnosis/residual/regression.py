@@ -132,6 +132,12 @@ def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
     return min(near, key=lambda c: _elaborate(c.effect))
 
 
+def fewest(tried: list[Choice]) -> Choice:
+    """Of functions of ever more values, the first that is not beyond doubt worse than the best one."""
+    best = min(tried, key=lambda c: float(c.left.sum()))
+    return next(c for c in tried if not beyond_doubt(by_scatter(c.left - best.left)))
+
+
 def _elaborate(effect: Residual) -> tuple[int, bool, list[tuple[bool, int]]]:
     return len(effect.axes), effect.dry, [(bool(a.joint), list(INPUTS).index(a.input)) for a in effect.axes]
 

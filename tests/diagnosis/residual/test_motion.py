@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ from mpge_jax.diagnosis.residual import motion, roll_out
 from mpge_jax.diagnosis.residual.inputs import places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, with_function
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
+from mpge_jax.diagnosis.residual.regression import Blocks, Choice
 from tests.diagnosis.machines import PENDULUM, really_sticks, record
 from tests.diagnosis.searches import COULOMB, GAIN, HINGE, fitted, search_of
 
@@ -85,6 +88,23 @@ def test_functions_are_judged_by_recordings_that_they_were_not_fitted_to(rubbing
     assert len(w.sources) > len(set(logs)) >= 3
     for fold in folds:
         assert len({*zip(logs, fold, strict=True)}) == len(set(logs)) == len(set(fold))
+
+
+@pytest.mark.parametrize(("width", "values"), [(1.0, 9), (0.05, 36)])
+def test_windows_tell_how_fine_a_function_is(width, values):
+    """A pull towards an angle, from near it or from everywhere."""
+    rng, effect = np.random.default_rng(0), Residual((Axis("q", -1.0, 1.0),), 3.0)
+    q = rng.uniform(-1.0, 1.0, (60, 30))
+    left = np.exp(-((q / width) ** 2)) + 0.01 * rng.standard_normal(q.shape)
+    task = SimpleNamespace(
+        near=lambda term, _theta, weight: Blocks.of(
+            np.array(residual_of(term.id).basis(np, [q])), left, weight
+        ),
+        fold=np.arange(60) % 5,
+    )
+    found = Choice(effect, HINGE.index, np.zeros(9), np.zeros(60), 1.0)
+    chosen = motion._Task.as_fine_as_shown(task, found, HINGE, np.ones(60))
+    assert chosen.effect.counts == (values,) and chosen.values.size == values
 
 
 def test_where_nothing_is_left_there_is_no_function(rubbing_coarsely):

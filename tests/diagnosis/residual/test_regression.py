@@ -7,7 +7,7 @@ import pytest
 
 from mpge_jax.diagnosis.effects.residual.axis import Axis
 from mpge_jax.diagnosis.effects.residual.force import Residual
-from mpge_jax.diagnosis.residual.regression import Blocks, best_function, roughness, solved
+from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, fewest, roughness, solved
 
 ANGLE, SPEED = Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)
 FUNCTIONS = [Residual(axes, 3.0) for axes in ((ANGLE,), (SPEED,), (ANGLE, SPEED))]
@@ -65,3 +65,17 @@ def test_blocks_hold_the_squares_of_what_is_left():
     b = Blocks.of(columns, left, np.array([1.0, 2.0, 1.0, 1.0]))
     want = ((left + np.einsum("pbm,p->bm", columns, x)) ** 2).sum(1) * b.weight
     np.testing.assert_allclose(b.left(x), want)
+
+
+def test_more_values_are_taken_where_they_leave_less_beyond_doubt():
+    rng = np.random.default_rng(2)
+    known = rng.uniform(1.0, 2.0, 40)
+
+    def told(count: int, left: np.ndarray) -> Choice:
+        return Choice(FUNCTIONS[0].told_by((count,)), 0, np.zeros(count), left, 1.0)
+
+    few, as_good = told(9, known), told(18, known + 1e-3 * rng.standard_normal(40) - 1e-5)
+    # nearly all is explained by either, and yet half of what is left by the one is not by the other
+    better = told(36, 0.5 * known)
+    assert fewest([few, as_good]) is few
+    assert fewest([few, as_good, better]) is better
