@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.evidence.folds import FOLDS
 from mpge_jax.diagnosis.residual.points import Pieces
-from mpge_jax.diagnosis.residual.regression import Blocks, Choice, fewest, smoothed
+from mpge_jax.diagnosis.residual.regression import Choice, Rows, fewest, smoothed
 
 Array = np.ndarray
 HINTS = 4
@@ -50,8 +50,9 @@ def variants(effect: Residual) -> list[Residual]:
 
 
 def _promised(effect: Residual, place: Place, these: Pieces) -> float:
-    """What a function explains; of one input, with as many values as explain most."""
-    tried = variants(effect) if len(effect.axes) == 1 else [effect]
+    """What a function explains with as many values as explain most: with few, what is narrow looks like any other. Of
+    two inputs of several joints there are too many functions for that."""
+    tried = [effect] if len(effect.axes) == 2 and effect.coupled else variants(effect)
     return max(_explained(e, place, these)[0] for e in tried)
 
 
@@ -69,6 +70,5 @@ def _explained(effect: Residual, place: Place, these: Pieces) -> tuple[float, Ch
     columns = parts * effect.against(these.values) / these.unsure
     missing = these.force / these.unsure
     weight = 1.0 / (1.0 + missing**2 / np.median(missing**2))
-    blocks = Blocks.of(columns[..., None], -missing[:, None], weight)
-    choice = smoothed(effect, place.index, blocks, these.fold)
-    return 1.0 - float(choice.left.sum() / (weight @ blocks.whole)), choice
+    choice = smoothed(effect, place.index, Rows(columns, -missing, weight), these.fold)
+    return 1.0 - float(choice.left.sum() / (weight @ missing**2)), choice

@@ -61,6 +61,33 @@ class Blocks:
         return self.weight * square
 
 
+@dataclass(frozen=True)
+class Rows:
+    """The same with one number a block: (residual + x columns)^2.
+
+    Attributes:
+        columns: [P, B]. residual: [B]. weight: [B].
+    """
+
+    columns: Array
+    residual: Array
+    weight: Array
+
+    @property
+    def whole(self) -> Array:
+        return self.residual**2
+
+    def take(self, index: Array) -> Rows:
+        return Rows(self.columns[:, index], self.residual[index], self.weight[index])
+
+    def summed(self) -> tuple[Array, Array]:
+        weighted = self.columns * self.weight
+        return weighted @ self.columns.T, weighted @ self.residual
+
+    def left(self, x: Array) -> Array:
+        return np.asarray(self.weight * (self.residual + x @ self.columns) ** 2)
+
+
 Candidate = tuple[Residual, int, Blocks]
 """A function, the index of the joint at which it acts, and the least-squares problem of its values."""
 
@@ -142,7 +169,7 @@ def _elaborate(effect: Residual) -> tuple[int, bool, list[tuple[bool, int]]]:
     return len(effect.axes), effect.dry, [(bool(a.joint), list(INPUTS).index(a.input)) for a in effect.axes]
 
 
-def smoothed(effect: Residual, place: int, b: Blocks, fold: Array) -> Choice:
+def smoothed(effect: Residual, place: int, b: Blocks | Rows, fold: Array) -> Choice:
     """The function under the penalty that predicts best."""
     rough, (gram, push) = roughness(effect), b.summed()
     folds = [(here, b.take(here)) for here in (fold == k for k in np.unique(fold))]

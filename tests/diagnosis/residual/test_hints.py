@@ -78,10 +78,12 @@ def test_a_narrow_rough_spot_is_hinted_at():
     assert found.counts[0] > 9
 
 
-def test_damping_that_comes_and_goes_with_the_angle_is_told_by_more_values_along_it():
-    force = -0.3 * VALUES["v"] * (1.0 + np.sin(11.0 * VALUES["q"]))
-    (found,) = [e for e in hinted(functions(VALUES), HINGE, [pieces(force)]) if inputs(e) == "q v"]
-    assert found.counts == (18, 6)
+@pytest.mark.parametrize("waves", [11.0, 16.0])
+def test_damping_that_comes_and_goes_with_the_angle_is_told_by_more_values_along_it(waves):
+    """The finer the waves, the less of them do few values show: then another function explains as much by chance."""
+    force = -0.3 * VALUES["v"] * (0.1 + np.sin(waves * VALUES["q"]))
+    first = hinted(functions(VALUES), HINGE, [pieces(force)])[4]
+    assert inputs(first) == "q v" and first.counts == (18, 6)
 
 
 def test_travels_since_a_turn_leave_room_for_others():

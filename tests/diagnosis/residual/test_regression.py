@@ -7,7 +7,16 @@ import pytest
 
 from mpge_jax.diagnosis.effects.residual.axis import Axis
 from mpge_jax.diagnosis.effects.residual.force import Residual
-from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, fewest, roughness, solved
+from mpge_jax.diagnosis.residual.regression import (
+    Blocks,
+    Choice,
+    Rows,
+    best_function,
+    fewest,
+    roughness,
+    smoothed,
+    solved,
+)
 
 ANGLE, SPEED = Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)
 FUNCTIONS = [Residual(axes, 3.0) for axes in ((ANGLE,), (SPEED,), (ANGLE, SPEED))]
@@ -79,3 +88,15 @@ def test_more_values_are_taken_where_they_leave_less_beyond_doubt():
     better = told(36, 0.5 * known)
     assert fewest([few, as_good]) is few
     assert fewest([few, as_good, better]) is better
+
+
+def test_rows_are_blocks_of_one_number():
+    rng = np.random.default_rng(3)
+    q, weight = rng.uniform(-1.0, 1.0, 40), rng.uniform(0.5, 1.0, 40)
+    columns, left = np.array(FUNCTIONS[0].basis(np, [q])), np.sin(3.0 * q) + 0.1 * rng.standard_normal(40)
+    blocks, rows = Blocks.of(columns[..., None], left[:, None], weight), Rows(columns, left, weight)
+    np.testing.assert_allclose(rows.whole, blocks.whole)
+    want, got = (smoothed(FUNCTIONS[0], 0, b, FOLD) for b in (blocks, rows))
+    assert got.strength == want.strength
+    np.testing.assert_allclose(got.values, want.values)
+    np.testing.assert_allclose(got.left, want.left, atol=1e-12)
