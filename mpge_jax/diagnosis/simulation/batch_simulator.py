@@ -183,7 +183,7 @@ class Simulator:
                 per = max(1, chunk // max(w.count, 1))
                 for a in range(0, len(some), per):
                     part = some[a : a + per]
-                    out[part] = self._chunk([runs[i] for i in part], w)
+                    out[part] = self._chunk([runs[i] for i in part], w, way)
         self.known.keep(keys, out, new, w.sources)
         # what is decided by the work does not hang on what is remembered
         self.work += len(runs) * w.count * w.steps * self.model.nv**1.5 * (4 if self.fourfold else 1)
@@ -196,7 +196,7 @@ class Simulator:
         stepped = self.guided or any(t.effect.runtime for t in (*self.always[0].terms, *run.hypothesis.terms))
         return STEP_BY_STEP if stepped else BY_THE_ENGINE
 
-    def _chunk(self, runs: list[Run], w: Windows) -> Array:
+    def _chunk(self, runs: list[Run], w: Windows, way: str) -> Array:
         m, nwin = self.model, w.count
         n = len(runs) * nwin
         batch = Batch(self._timed(w.dt), n, self.threads)
@@ -217,14 +217,14 @@ class Simulator:
         for run, rows in zip(runs, rows_of, strict=True):
             if run.push is not None:
                 push[rows, run.push[0]] += run.push[1]
-        runtime = [g for g in groups if g.term.effect.runtime]
-        if runtime or self.guided:
-            guide = Guide(m, batch, w, window, self.guided) if self.guided else None
-            engine = Runtime(m, self.ctx, batch, runtime, push, w.dt)
-            q, v = step_by_step(batch, engine, guide, commands, _shifts(runs, w)[:, m.nv :])
-        else:
+        if way == BY_THE_ENGINE:
             batch.bind("qfrc_applied")[:] = push
             q, v = by_the_engine(batch, commands)
+        else:
+            guide = Guide(m, batch, w, window, self.guided) if self.guided else None
+            runtime = [g for g in groups if g.term.effect.runtime]
+            engine = Runtime(m, self.ctx, batch, runtime, push, w.dt)
+            q, v = step_by_step(batch, engine, guide, commands, _shifts(runs, w)[:, m.nv :])
         return self._compare(q, v, w, window, offset, delay).reshape(len(runs), nwin, w.times.shape[1], -1)
 
     def _timed(self, dt: float) -> mujoco.MjModel:

@@ -46,9 +46,9 @@ def _simulated(monkeypatch, count: list[int]) -> None:
     """Count simulated windows in `count`."""
     chunk = Simulator._chunk
 
-    def counted(sim, runs, w):
+    def counted(sim, runs, w, way):
         count[0] += len(runs) * w.count
-        return chunk(sim, runs, w)
+        return chunk(sim, runs, w, way)
 
     monkeypatch.setattr(Simulator, "_chunk", counted)
 

@@ -50,7 +50,9 @@ def test_the_same_runs_of_the_same_windows_are_simulated_once(swinging, monkeypa
     sim, w = swinging
     asked: list[int] = []
     chunk = Simulator._chunk
-    monkeypatch.setattr(Simulator, "_chunk", lambda s, runs, w: asked.append(len(runs)) or chunk(s, runs, w))
+    monkeypatch.setattr(
+        Simulator, "_chunk", lambda s, runs, *at: asked.append(len(runs)) or chunk(s, runs, *at)
+    )
     runs = [Run(Hypothesis.of(DAMPING), np.array([x])) for x in (0.01, 0.02)]
     before = sim.work
     first, spent = sim.residuals(runs, w), sim.work - before
@@ -69,7 +71,7 @@ def test_whatever_changes_a_simulation_is_told_apart(swinging, monkeypatch):
     asked: list[int] = []
     sim.residuals([run], w)
     chunk = Simulator._chunk
-    monkeypatch.setattr(Simulator, "_chunk", lambda s, runs, w: asked.append(1) or chunk(s, runs, w))
+    monkeypatch.setattr(Simulator, "_chunk", lambda s, *given: asked.append(1) or chunk(s, *given))
     moved = w.moved.copy()
     moved[0, 0, 0] = 0.1
     others = [w.later(w.dt / 2), w.refined(2), w.take(np.arange(5)), replace(w, moved=moved)]
