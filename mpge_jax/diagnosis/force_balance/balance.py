@@ -43,8 +43,10 @@ class Balance:
     _known: list[dict[Key, Rigid]]
 
     @staticmethod
-    def of(ctx: Context, rows: list[Track], resolution: Resolution) -> Balance:
-        """`rows`: of that resolution."""
+    def of(
+        ctx: Context, rows: list[Track], resolution: Resolution, known: list[dict[Key, Rigid]] | None = None
+    ) -> Balance:
+        """`rows`: of that resolution. known: inverse dynamics along the same motion, which are added to."""
         total = sum(t.time[-1] - t.time[0] for t in rows)
         block, of, first = [], [], 0
         for k, t in enumerate(rows):
@@ -60,7 +62,7 @@ class Balance:
             np.concatenate(block),
             folds(np.array(of), np.arange(first)),
             resolution,
-            [{} for _ in rows],
+            [{} for _ in rows] if known is None else known,
         )
 
     @staticmethod

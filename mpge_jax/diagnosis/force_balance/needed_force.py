@@ -19,11 +19,13 @@ from mpge_jax.diagnosis.simulation.single_step import Machine
 Array = np.ndarray
 MEASURES = ("actuator_gain", "actuator_bias")
 """Effects of actuators that say how their force is measured: its scale and its zero."""
+BY_JOINT = ("dof_frictionloss", "dof_armature", "dof_damping")
+"""Fields whose forces are added joint by joint to the inverse dynamics without them."""
 NOT_RIGID = {
-    "dof_frictionloss", "dof_solref", "dof_solimp", "dof_dampingpoly",
+    *BY_JOINT, "dof_solref", "dof_solimp", "dof_dampingpoly",
     "actuator_gainprm", "actuator_biasprm", "actuator_biastype", "actuator_forcerange",
 }  # fmt: skip
-"""Fields of effects that leave the inverse dynamics without dry friction as they are."""
+"""Fields of effects that leave the inverse dynamics without `BY_JOINT` as they are."""
 Key = tuple[Any, ...]
 ROUNDS = 3
 """Fixed-point rounds for friction that depends on the force itself."""
@@ -61,15 +63,18 @@ def needed(machine: Machine, track: Track, known: dict[Key, Rigid] | None = None
             )
     rigid = _rigid(machine, track, {} if known is None else known)
     sign = erf(track.v / (np.sqrt(2.0) * np.maximum(track.unsure, 1e-9)))
-    force = rigid.by_actuator(model, rigid.needed + model.dof_frictionloss * sign)
+    smooth = rigid.needed + model.dof_armature * track.a
+    if not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_DAMPER:
+        smooth = smooth + model.dof_damping * track.v
+    force = rigid.by_actuator(model, smooth + model.dof_frictionloss * sign)
     for _ in range(ROUNDS if machine.runtime else 0):
         pushed, dry = _runtime(machine, track, rigid, force)
-        force = rigid.by_actuator(model, rigid.needed + dry * sign - pushed)
+        force = rigid.by_actuator(model, smooth + dry * sign - pushed)
     return force
 
 
 def _rigid(machine: Machine, track: Track, known: dict[Key, Rigid]) -> Rigid:
-    """The inverse dynamics, computed anew where an effect changes more than dry friction and what actuators show."""
+    """The inverse dynamics, computed anew where an effect changes more than `NOT_RIGID`."""
     bodies = sorted({t.place.index for t, _ in machine.runtime if t.place.kind == "body"})
     changed = [
         (str(t), x.tobytes())
@@ -86,7 +91,7 @@ def _rigid(machine: Machine, track: Track, known: dict[Key, Rigid]) -> Rigid:
 
 
 class Rigid:
-    """Inverse dynamics of one model without dry friction along a track.
+    """Inverse dynamics of one model without `BY_JOINT` along a track.
 
     Attributes:
         needed: [T, nv]. bias: [T, nv] `qfrc_bias`. velocity: body -> [T, 3]. jacobian: body -> [T, 3, nv], of centres
@@ -95,8 +100,9 @@ class Rigid:
 
     def __init__(self, model: mujoco.MjModel, track: Track, bodies: list[int]) -> None:
         rows = len(track.time)
-        loss = model.dof_frictionloss.copy()
-        model.dof_frictionloss[:] = 0.0
+        own = {name: getattr(model, name).copy() for name in BY_JOINT}
+        for name in own:
+            getattr(model, name)[:] = 0.0
         data = mujoco.MjData(model)
         self.needed, self.bias = np.empty((rows, model.nv)), np.empty((rows, model.nv))
         self.velocity = {b: np.empty((rows, 3)) for b in bodies}
@@ -116,7 +122,8 @@ class Rigid:
             if t < len(moment):
                 mujoco.mj_transmission(model, data)
                 moment[t] = moments(model, data)
-        model.dof_frictionloss[:] = loss
+        for name, values in own.items():
+            getattr(model, name)[:] = values
         self.driven = np.abs(moment).max(axis=(0, 1), initial=0.0) > 0
         self.inverse = np.linalg.pinv(np.swapaxes(moment[:, :, self.driven], 1, 2))
 

@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
+from mpge_jax.diagnosis.force_balance.needed_force import Key, Rigid
 from mpge_jax.diagnosis.force_balance.tracks import Resolution, tracks
 
 Array = np.ndarray
@@ -47,11 +48,13 @@ def choose(p: Prepared, terms: list[Term]) -> Resolution:
     """
 
     known: dict[Resolution, float] = {}
+    along: dict[float, list[dict[Key, Rigid]]] = {}
 
     def error(r: Resolution) -> float:
         if r not in known:
             rows = tracks(p, p.looked_at, ROWS, r)
-            known[r] = _error(Bank.of(Balance.of(p.ctx, rows, replace(r, motion=np.inf)), terms))
+            same = along.setdefault(r.motion, [{} for _ in rows])
+            known[r] = _error(Bank.of(Balance.of(p.ctx, rows, replace(r, motion=np.inf), same), terms))
         return known[r]
 
     def best(tried: Iterable[Resolution]) -> Resolution:

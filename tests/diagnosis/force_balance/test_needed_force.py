@@ -115,3 +115,28 @@ def test_a_sensor_that_is_off_is_no_reason_to_reuse_what_was_known():
     force = needed(machine, track, known)
     assert known == {} and not np.allclose(force, needed(_machine(ARM), track))
     assert set(needed_force.MEASURES) == {"actuator_gain", "actuator_bias"}
+
+
+@pytest.mark.parametrize("flag", ["", '<flag damper="disable"/>'])
+def test_rotor_inertia_and_damping_are_those_of_the_engine_and_ask_it_for_nothing(flag):
+    direct = ARM.replace('implicitfast"/>', f'implicitfast">{flag}</option>').replace(
+        '<position name="elbow_servo" joint="elbow" kp="8" kv="0.4"/>',
+        '<motor name="elbow_motor" joint="elbow"/>',
+    )
+    plain = _machine(direct)
+    t = np.linspace(0.0, 2.0, 30)[:, None] * [3.0, 4.0]
+    track, known = _track(plain, np.sin(t), [3.0, 4.0] * np.cos(t), [-9.0, -16.0] * np.sin(t)), {}
+    needed(plain, track, known)
+    computed = list(known)
+    more = [
+        ("armature", "elbow", [0.3]),
+        ("viscous_damping", "shoulder", [0.7]),
+        ("armature", "shoulder", [0.2]),
+    ]
+    machine = _machine(direct, more)
+    found, data, want = needed(machine, track, known), mujoco.MjData(machine.model), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(track.q, track.v, track.a, strict=True):
+        mujoco.mj_inverse(machine.model, data)
+        want.append(data.qfrc_inverse.copy())
+    np.testing.assert_allclose(found, want, atol=1e-10)
+    assert np.abs(found - needed(plain, track)).max() > 1.0 and list(known) == computed
