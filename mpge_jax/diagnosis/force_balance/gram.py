@@ -64,9 +64,10 @@ class Normal:
 
     def weighted(self, weight: Array) -> Weighted:
         """The same with actuators weighted by `weight` [nu]: one over the variance of their rows."""
-        grams = np.einsum("u,kupq->kpq", weight, self.gram, optimize=True)
-        moments = np.einsum("u,kup->kp", weight, self.moment, optimize=True)
-        return Weighted(self, weight, grams, moments)
+        parts, count, _, size = self.gram.shape
+        # as one row for each actuator nothing is copied
+        grams = (weight @ self.gram.reshape(parts, count, -1)).reshape(parts, size, size)
+        return Weighted(self, weight, grams, weight @ self.moment)
 
 
 @dataclass(frozen=True)
