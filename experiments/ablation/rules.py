@@ -343,6 +343,7 @@ WORK = {
     "selection.procedure": ("REFINED",),
     "selection.search_state": ("MANY", "WORK"),
     "selection.setup": ("POOL", "FEWEST_ROWS"),
+    "evidence.folds": ("FOLDS", "RECORDINGS"),
     "evidence.null_distribution": ("SEGMENT", "ROWS", "ALL", "WITHIN"),
     "evidence.same_in_principle": ("PARALLEL",),
 }
