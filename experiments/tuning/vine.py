@@ -121,8 +121,10 @@ def markdown(rows: list[dict[str, Any]]) -> str:
             for row in rows
             if row["samples"] == samples
         ]
-    machines = dict.fromkeys(f"{r['versions']['machine']}, commit {r['versions']['commit']}" for r in rows)
-    lines += ["", *(f"Machine: {machine}." for machine in machines)]
+    machines = dict.fromkeys(
+        f"Machine: {r['versions']['machine']}, commit {r['versions']['commit']}." for r in rows
+    )
+    lines += ["", *(machines or ["None has been run yet."])]
     return "\n".join(lines) + "\n"
 
 

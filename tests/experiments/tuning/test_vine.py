@@ -70,7 +70,8 @@ def test_the_page_has_a_line_for_each_result():
         in page
     )
     assert page.index("## 500 target") < page.index("| MPG-MS |") < page.index("## 5,000 target")
-    assert page.endswith("Machine: a machine, commit abc.\n")
+    assert page.endswith("Machine: a machine, commit abc.\n") and "None has been run" not in page
+    assert vine.markdown([]).endswith("run.\n\nNone has been run yet.\n")
 
 
 def test_what_is_done_is_not_run_again_and_each_variant_has_its_configuration(tmp_path, monkeypatch, capsys):
