@@ -79,7 +79,7 @@ def of_forces(e: ForceErrors) -> Missing:
     """Of measured forces, row by row."""
     b, m = e.balance, e.balance.ctx.model
     rows = [np.column_stack([history(t.time, t.q, t.v), np.nan_to_num(t.a)]) for t in b.tracks]
-    force = b.measured - e.corrected
+    force = b.telling - e.corrected
     moving = history_size(m)
     own = []
     for a in range(m.nu):

@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.evidence.folds import folds
 from mpge_jax.diagnosis.force_balance.low_pass import lagged, low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import Key, Rigid, needed
 from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, tracks
+from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.single_step import Machine
 
@@ -30,6 +31,8 @@ class Balance:
     Attributes:
         tracks: rows of every recording.
         measured: [N, nu] forces of all of them (NaN: none), below the motion's frequency.
+        telling: [N, nu] those that say what acts: not where a joint rests that the actuator drives and that moves at
+        other times, as dry friction holds it there with any force up to its level.
         block: [N] number of each row's block.
         fold: [B] part to which each block belongs (`folds`).
     """
@@ -37,6 +40,7 @@ class Balance:
     ctx: Context
     tracks: list[Track]
     measured: Array
+    telling: Array
     block: Array
     fold: Array
     resolution: Resolution
@@ -54,11 +58,12 @@ class Balance:
             block.append(first + np.minimum(np.arange(t.time.size) * count // t.time.size, count - 1))
             first += count
             of += [k] * count
-        measured = [_seen(t.force, t.time, resolution.motion) for t in rows]
+        measured = np.concatenate([_seen(t.force, t.time, resolution.motion) for t in rows])
         return Balance(
             ctx,
             rows,
-            np.concatenate(measured),
+            measured,
+            np.where(_held(ctx, np.concatenate([t.rests for t in rows])), np.nan, measured),
             np.concatenate(block),
             folds(np.array(of), np.arange(first)),
             resolution,
@@ -92,6 +97,20 @@ class Balance:
             moved[i] += h if theta[i] + h <= param.high else -h
             out.append((self.predicted({**parts, term: moved}) - here) / (moved[i] - theta[i]))
         return np.array(out).reshape(-1, *here.shape)
+
+
+def _held(ctx: Context, rests: Array) -> Array:
+    """Whether an actuator's force [N, nu] says nothing, as the joint rests that it drives.
+
+    Args:
+        rests: [N, nv].
+    """
+    m, out = ctx.model, np.zeros((len(rests), ctx.model.nu), bool)
+    for a in range(m.nu):
+        if is_joint_transmission(m, a):
+            here = rests[:, m.jnt_dofadr[m.actuator_trnid[a, 0]]]
+            out[:, a] = here & ~here.all()
+    return out
 
 
 def _seen(force: Array, time: Array, cutoff: float) -> Array:

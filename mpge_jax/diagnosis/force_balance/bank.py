@@ -87,7 +87,7 @@ def _joined(
     prior = np.concatenate([np.zeros(0), *(prior_widths(p) ** -2.0 for p in params)])
     limits = [np.array(bounds(p)) - e.origin for p, e in zip(params, entries, strict=True)]
     low, high = np.concatenate([np.zeros((2, 0)), *limits], axis=1)
-    normal = Normal.of(made, b.measured - nominal, b.block, b.fold, prior, low, high)
+    normal = Normal.of(made, b.telling - nominal, b.block, b.fold, prior, low, high)
     return Bank(b, nominal, made, normal, entries)
 
 

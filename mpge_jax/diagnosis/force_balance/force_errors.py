@@ -25,13 +25,15 @@ class ForceErrors:
     """Predicted actuator forces of some recordings beside what was measured; errors are root mean squares.
 
     Attributes:
-        given, corrected: [N, nu] predicted by either model. floors: [nu] errors that noise alone leaves.
+        given, corrected: [N, nu] predicted by either model. floors: [nu] errors that noise alone leaves. floors_left:
+        [nu] of them, where the joints move.
     """
 
     balance: Balance
     given: Array
     corrected: Array
     floors: Array
+    floors_left: Array
 
     @property
     def before(self) -> float:
@@ -56,6 +58,11 @@ class ForceErrors:
         return rms(self.corrected - self.balance.measured)
 
     @property
+    def each_left(self) -> Array:
+        """[nu] where the joints move."""
+        return rms(self.corrected - self.balance.telling)
+
+    @property
     def size(self) -> Array:
         """Root mean square [nu] of the measured forces."""
         return rms(self.balance.measured)
@@ -77,7 +84,7 @@ def force_errors(p: Prepared, sources: tuple[Source, ...], resolution: Resolutio
 def errors_of(p: Prepared, sources: tuple[Source, ...], b: Balance, f: Fitted) -> ForceErrors:
     """The same where their balance is known."""
     corrected = b.predicted(f.hypothesis.split(p.ctx, f.theta))
-    return ForceErrors(b, b.predicted({}), corrected, _floors(p, sources, b, f, corrected))
+    return ForceErrors(b, b.predicted({}), corrected, *_floors(p, sources, b, f, corrected))
 
 
 def rms(x: Array) -> Array:
@@ -86,15 +93,21 @@ def rms(x: Array) -> Array:
     return np.where(count > 0, np.sqrt(np.nansum(x**2, 0) / np.maximum(count, 1)), np.nan)
 
 
-def _floors(p: Prepared, sources: tuple[Source, ...], b: Balance, f: Fitted, corrected: Array) -> Array:
-    """Errors [nu] that noise alone leaves: by how much the prediction moves where the motion is recorded once more, and
-    what is left of the noise of the measured forces."""
+def _floors(
+    p: Prepared, sources: tuple[Source, ...], b: Balance, f: Fitted, corrected: Array
+) -> tuple[Array, Array]:
+    """Errors [nu] that noise alone leaves, in all and where the joints move: by how much the prediction moves where the
+    motion is recorded once more, and what is left of the noise of the measured forces."""
     rng = np.random.default_rng(p.config.seed)
     sensor = _sensor_noise(p)
     again = tuple(_recorded_again(p, s, sensor, np.isfinite(b.resolution.motion), rng) for s in sources)
     other = Balance.recorded(p, again, ROWS, b.resolution)
     moved = other.predicted(f.hypothesis.split(p.ctx, f.theta)) - corrected
-    return np.sqrt(rms(np.where(p.measured, moved, np.nan)) ** 2 + rms(other.measured) ** 2)
+    alone = rms(other.measured)
+    everywhere, moving = (
+        np.sqrt(rms(np.where(np.isfinite(x), moved, np.nan)) ** 2 + alone**2) for x in (b.measured, b.telling)
+    )
+    return everywhere, moving
 
 
 def _recorded_again(

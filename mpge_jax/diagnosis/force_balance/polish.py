@@ -37,25 +37,25 @@ def polished(b: Balance, parts: dict[Term, Array], known: dict[Term, Array] | No
         return b.predicted(h.split(b.ctx, x))
 
     here = predicted(theta)
-    variance = _variance(b.measured - here)
+    variance = _variance(b.telling - here)
     for last in range(STEPS):
         split = h.split(b.ctx, theta)
         each = {t: known[t] if t in known else b.columns(split, t, here) for t in h.terms}
         known |= {t: x for t, x in each.items() if len(x) == 1}
         columns = np.concatenate([each[t] for t in h.terms])
-        normal = Normal.of(columns, b.measured - here, b.block, b.fold, prior, low - theta, high - theta)
+        normal = Normal.of(columns, b.telling - here, b.block, b.fold, prior, low - theta, high - theta)
         weighted = normal.weighted(np.where(normal.rows.sum(0) > 0, 1.0 / variance, 0.0))
         step = weighted.solve(range(len(theta)), prior * (centre - theta))
-        before = _loss(b.measured - here, variance) + prior_loss(params, theta, centre, 1, 1)
+        before = _loss(b.telling - here, variance) + prior_loss(params, theta, centre, 1, 1)
         for share in SHORTER:
             trial = np.clip(theta + share * step, low, high)
             there = predicted(trial)
-            after = _loss(b.measured - there, variance) + prior_loss(params, trial, centre, 1, 1)
+            after = _loss(b.telling - there, variance) + prior_loss(params, trial, centre, 1, 1)
             if after < before:
                 break
         else:
             break
-        theta, here, variance = trial, there, _variance(b.measured - there)
+        theta, here, variance = trial, there, _variance(b.telling - there)
         if after > (1.0 - ENOUGH) * before and last:
             break
     every = range(len(theta))

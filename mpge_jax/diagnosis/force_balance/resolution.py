@@ -54,7 +54,8 @@ def choose(p: Prepared, terms: list[Term]) -> Resolution:
         if r not in known:
             rows = tracks(p, p.looked_at, ROWS, r)
             same = along.setdefault(r.motion, [{} for _ in rows])
-            known[r] = _error(Bank.of(Balance.of(p.ctx, rows, replace(r, motion=np.inf), same), terms))
+            b = Balance.of(p.ctx, rows, replace(r, motion=np.inf), same)
+            known[r] = _error(Bank.of(replace(b, telling=b.measured), terms))
         return known[r]
 
     def best(tried: Iterable[Resolution]) -> Resolution:

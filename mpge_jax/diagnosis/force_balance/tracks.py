@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from mpge_jax.diagnosis.dataset.given_motion import EDGE
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -12,6 +13,10 @@ from mpge_jax.diagnosis.force_balance.low_pass import low_pass
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 
 Array = np.ndarray
+UNSEEN = 2.0
+"""Deviations of a velocity up to which a joint is not seen to move."""
+RESTS = 0.2
+"""Time (s) over most of which it is not, where a joint rests: one that turns does so in passing."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,8 @@ class Track:
 
     Attributes:
         time: [T] s. q: [T, nq]. v, a: [T, nv]. unsure: [T, nv] deviation of v as far as it tells the
-        direction of dry friction. force: [T, nu] measured, before the gear (NaN: not measured).
+        direction of dry friction. force: [T, nu] measured, before the gear (NaN: not measured). rests: [T, nv] whether
+        a joint rests: dry friction holds it with any force up to its level.
     """
 
     name: str
@@ -50,6 +56,7 @@ class Track:
     a: Array
     unsure: Array
     force: Array
+    rests: Array
 
     def sensed(self, column: int, dof: int, offset: float, delay: float) -> Track:
         """The same if what was recorded of a joint was off by `offset`, and `delay` s late."""
@@ -78,12 +85,19 @@ def _track(p: Prepared, s: Source, stride: int, resolution: Resolution) -> Track
     rows = slice(_first(s), s.recording.time.size - EDGE, stride)
     x, r = s.states, s.recording
     v, a, unsure = x.qvel, x.qacc, np.sqrt(np.maximum(x.cov[..., 1, 1], 0.0))
+    rests = _mostly(np.abs(v) < UNSEEN * unsure, r.time)
     unsure = np.maximum(unsure, resolution.still * p.ctx.speed)
     if np.isfinite(resolution.motion):
         v = low_pass(_raw_velocity(p, s), r.time, resolution.motion)
         a = np.gradient(v, r.time, axis=0)
     force = _force(p, s, resolution.held)
-    return Track(r.name, r.time[rows], x.qpos[rows], v[rows], a[rows], unsure[rows], force[rows])
+    return Track(r.name, r.time[rows], x.qpos[rows], v[rows], a[rows], unsure[rows], force[rows], rests[rows])
+
+
+def _mostly(x: Array, time: Array) -> Array:
+    """Whether most of x [T, ...] is true over `RESTS` about each row."""
+    rows = max(1, round(RESTS / float(np.median(np.diff(time)))))
+    return np.asarray(uniform_filter1d(x.astype(float), rows, axis=0, mode="nearest") > 0.5)
 
 
 def _raw_velocity(p: Prepared, s: Source) -> Array:

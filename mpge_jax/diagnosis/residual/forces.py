@@ -46,7 +46,7 @@ def _function(p: Prepared, b: Balance, f: Fitted, place: Place) -> Function | No
     values = seen(p, place)
     # what a drive gives is what is to be predicted
     known = {k: x for k, x in values.items() if not k.startswith(DRIVE)}
-    missing = b.predicted(f.hypothesis.split(p.ctx, f.theta)) - b.measured
+    missing = b.predicted(f.hypothesis.split(p.ctx, f.theta)) - b.telling
     some = hinted(functions(known), place, [rows_of(p, b, f, missing, place)])
     best = best_function([(e, place.index, _blocks(b, f, e, place)) for e in some], b.fold)
     if best is None:
@@ -61,7 +61,7 @@ def _blocks(b: Balance, f: Fitted, effect: Residual, place: Place) -> Blocks:
     empty = with_function(b.ctx, f, term)
     parts = empty.hypothesis.split(b.ctx, empty.theta)
     here = b.predicted(parts)
-    columns, left = b.columns(parts, term, here), here - b.measured
+    columns, left = b.columns(parts, term, here), here - b.telling
     known = np.isfinite(left)
     unit = np.sqrt((np.where(known, left, 0.0) ** 2).sum(0) / np.maximum(known.sum(0), 1))
     left, columns = (np.where(known, x, 0.0) / np.maximum(unit, 1e-300) for x in (left, columns))

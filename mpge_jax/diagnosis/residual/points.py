@@ -98,7 +98,7 @@ def missing_in_forces(p: Prepared, f: Fitted, held: ForceErrors, function: Funct
     Args:
         held: errors of `f`.
     """
-    missing = held.corrected - held.balance.measured
+    missing = held.corrected - held.balance.telling
     return rows_of(p, held.balance, f, missing, function.term.place).beside(function)
 
 

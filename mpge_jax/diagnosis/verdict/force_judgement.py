@@ -60,9 +60,9 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
         if residual is not None:
             unexplained["when"] = residual.told(unexplained["when"])
         parts = fit.hypothesis.split(p.ctx, fit.theta)
-        without = {t: rms(_without(test, parts, t) - test.measured) for t in parts}
+        without = {t: rms(_without(test, parts, t) - test.telling) for t in parts}
         joints = [acted_on(p.model, Place("actuator", a, k)) for k, a in enumerate(p.names.actuators)]
-        beside = left_beside(p, unexplained["at"], held.each_after, without, held.floors, joints)
+        beside = left_beside(p, unexplained["at"], held.each_left, without, held.floors_left, joints)
     if unexplained is not None:
         verdict = "unexplained"
     elif any(r.tied for each in rivals.values() for r in each):
@@ -88,8 +88,8 @@ def _confirmed(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]
     needless: list[Term] = []
     while True:
         parts = fit.hypothesis.split(b.ctx, fit.theta)
-        left = b.predicted(parts) - b.measured
-        gains = {t: _evidence(b, _without(b, parts, t) - b.measured, left) for t in parts}
+        left = b.predicted(parts) - b.telling
+        gains = {t: _evidence(b, _without(b, parts, t) - b.telling, left) for t in parts}
         if not gains or beyond_doubt(min(gains.values())):
             return fit, needless
         worst = min(gains, key=lambda t: gains[t])
@@ -108,7 +108,7 @@ def _evidence(b: Balance, without: Array, left: Array) -> float:
     Args:
         without, left: [N, nu] errors without the effect, and with all.
     """
-    unit = np.maximum(rms(left), 1e-12 * rms(b.measured))
+    unit = np.maximum(rms(left), 1e-12 * rms(b.telling))
     blocks = np.bincount(b.block, np.nansum((without**2 - left**2) / unit**2, 1))
     return by_scatter(blocks)
 
@@ -157,9 +157,10 @@ def _why_not(ratio: float, richer: bool, tied: bool) -> str:
 def _left(e: ForceErrors) -> tuple[bool, float]:
     """Whether more than noise is left, and its share of the squared error, actuators weighed by their forces."""
     size = e.size
-    real = (e.each_after > NOISE * e.floors) & (e.each_after > FINE * size)
+    real = (e.each_left > NOISE * e.floors_left) & (e.each_left > FINE * size)
     left, whole = (
-        float(np.nansum(np.maximum(x**2 - e.floors**2, 0.0) / size**2)) for x in (e.each_after, e.each_before)
+        float(np.nansum(np.maximum(x**2 - floor**2, 0.0) / size**2))
+        for x, floor in ((e.each_left, e.floors_left), (e.each_before, e.floors))
     )
     return bool(real.any()), min(left / max(whole, 1e-300), 1.0)
 
@@ -167,11 +168,11 @@ def _left(e: ForceErrors) -> tuple[bool, float]:
 def _describe(p: Prepared, e: ForceErrors, share: float) -> dict[str, Any]:
     """The `unexplained` entry of a diagnosis."""
     b, m, size = e.balance, p.model, e.size
-    left = np.nan_to_num(np.maximum(e.each_after**2 - e.floors**2, 0.0) / size**2)
+    left = np.nan_to_num(np.maximum(e.each_left**2 - e.floors_left**2, 0.0) / size**2)
     order = [int(a) for a in np.argsort(-left) if left[a] >= BESIDE * left.max()]
     at = [p.names.driven_by(m, a) for a in order]
     worst = order[0]
-    missing = b.measured[:, worst] - e.corrected[:, worst]
+    missing = b.telling[:, worst] - e.corrected[:, worst]
     seen = np.isfinite(missing)
     time, q, v = (np.concatenate([getattr(t, name) for t in b.tracks]) for name in ("time", "q", "v"))
     clues = {"time since the start": time, "size of the measured force": np.abs(b.measured[:, worst])}
@@ -192,7 +193,7 @@ def _describe(p: Prepared, e: ForceErrors, share: float) -> dict[str, Any]:
 def _moments(p: Prepared, e: ForceErrors) -> list[list[Any]]:
     """Stretches of time in which most is left: [recording, from, to] in s."""
     b = e.balance
-    left = np.nansum(((e.corrected - b.measured) / e.size) ** 2, 1)
+    left = np.nansum(((e.corrected - b.telling) / e.size) ** 2, 1)
     time = np.concatenate([t.time + s.recording.origin for t, s in zip(b.tracks, p.test, strict=True)])
     name = [t.name for t in b.tracks for _ in t.time]
     total = np.bincount(b.block, left)

@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.effects.base import find_place
 from mpge_jax.diagnosis.effects.context import nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.force_balance import procedure, resolution
+from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.low_pass import lagged, low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import needed
 from mpge_jax.diagnosis.force_balance.resolution import choose
@@ -45,7 +46,7 @@ def bench(xml, parts, noise, added=None, seed=0, sensor=np.inf, lag=0.0):
         w, size = rng.uniform(1.0, 6.0, (3, nv)), rng.uniform(0.15, 0.4, (3, nv))
         angle = t[:, None, None] * w + rng.uniform(0, 6, w.shape)
         q, v, a = ((size * x).sum(1) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
-        track = Track(name, t, q, v, a, np.full_like(v, 1e-4), np.zeros((t.size, ctx.model.nu)))
+        track = Track(name, t, q, v, a, np.full_like(v, 1e-4), np.zeros((t.size, ctx.model.nu)), v == 0)
         force = needed(machine, track)
         force = lagged(low_pass(force if added is None else force + added(q, v), t, sensor), t, lag)
         q = q + 1e-5 * rng.standard_normal(q.shape)
@@ -201,6 +202,49 @@ def test_an_effect_that_helps_by_chance_alone_is_left_out_and_told(monkeypatch):
     assert any("armature at elbow" in w and "left out" in w for w in d.warnings)
 
 
+def _goes_and_rests(seed=0):
+    """A pendulum with dry friction of 0.3 N m moves to and fro for 2 s and rests for 4 s, wherever it then is: a
+    controller that pushes on holds it with up to 0.25 N m more than its weight needs, and less than friction bears."""
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+    term = Term("coulomb_friction", REGISTRY["coulomb_friction"].places(ctx)[0])
+    machine = Machine.build(ctx, (term,), (np.array([0.3]),))
+    t, rng, out = np.arange(0.0, 6.0, 0.01), np.random.default_rng(seed), []
+    for name in ("run_0", "run_1", "run_2", "heldout_0", "heldout_1"):
+        moves = t < 2.0
+        v = np.where(
+            moves, np.sin(np.pi * t / 2) ** 2 * np.sin(rng.uniform(4, 6) * t + rng.uniform(0, 6)), 0.0
+        )
+        q = rng.uniform(-1, 1) + np.cumsum(v) * 0.01
+        q, v, a = q[:, None], v[:, None], np.gradient(v, t)[:, None]
+        force = needed(machine, Track(name, t, q, v, a, 0 * v + 1e-4, 0 * v, v == 0))
+        force = force + 0.25 * np.clip(t - 2.0, 0.0, 1.0)[:, None] + 0.01 * rng.standard_normal(v.shape)
+        out.append(Recording(name, t, q + 1e-6 * rng.standard_normal(q.shape), None, None, force))
+    return out
+
+
+def test_what_holds_a_joint_at_rest_is_no_bias_of_its_motor():
+    d = judged(PENDULUM, _goes_and_rests())
+    assert named(d) == {"coulomb_friction@hinge"}
+    np.testing.assert_allclose(d.fit.theta, 0.3, rtol=0.03)
+    # the error that is reported holds the rows at rest; what is left is told where the joint moves
+    assert d.held.after > 0.15 > 0.07 > d.held.each_left[0] > d.held.floors_left[0]
+
+
+def test_a_joint_rests_where_it_is_not_seen_to_move_and_not_where_it_turns():
+    recordings = _goes_and_rests()
+    p = prepare(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1, effects=IDS))
+    for track in tracks(p, p.looked_at, 10**6):
+        sure = np.abs(track.time - 2.0) > 0.3
+        np.testing.assert_array_equal(track.rests[:, 0][sure], (track.time > 2.0)[sure])
+    b = Balance.recorded(p, p.looked_at, 10**6, Resolution())
+    rests = np.concatenate([t.rests[:, 0] for t in b.tracks])
+    np.testing.assert_array_equal(np.isnan(b.telling[:, 0]), rests)
+    assert np.isfinite(b.measured).all()
+    # what rests throughout is all that there is
+    still = [dataclasses.replace(t, rests=np.ones_like(t.rests)) for t in b.tracks]
+    np.testing.assert_array_equal(Balance.of(p.ctx, still, Resolution()).telling, b.measured)
+
+
 def test_a_joint_that_trembles_at_rest_is_not_taken_for_one_that_slides():
     """Dry friction that builds up over 0.03 rad/s, along a motion that stops and goes, with a tremble at rest."""
     t, rng, out = np.arange(0.0, 6.0, 0.01), np.random.default_rng(0), []
@@ -211,8 +255,9 @@ def test_a_joint_that_trembles_at_rest_is_not_taken_for_one_that_slides():
         v = 1.5 * low_pass(go, t, 2.0) + 2e-3 * np.sin(25 * t)
         q = np.cumsum(v) * 0.01
         track = Track(
-            name, t, q[:, None], v[:, None], np.gradient(v, t)[:, None], 0 * v[:, None], 0 * v[:, None]
-        )
+            name, t, q[:, None], v[:, None], np.gradient(v, t)[:, None], 0 * v[:, None], 0 * v[:, None],
+            v[:, None] == 0,
+        )  # fmt: skip
         force = needed(machine, track) + 0.3 * np.tanh(v / 0.03)[:, None]
         q = q[:, None] + 1e-6 * rng.standard_normal((t.size, 1))
         out.append(Recording(name, t, q, None, None, force + 1e-3 * rng.standard_normal(force.shape)))
