@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.evidence.folds import folds
 from mpge_jax.diagnosis.force_balance.low_pass import lagged, low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import Key, Rigid, needed
-from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, tracks
+from mpge_jax.diagnosis.force_balance.tracks import UNSEEN, Resolution, Track, tracks
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.single_step import Machine
@@ -33,6 +33,8 @@ class Balance:
         measured: [N, nu] forces of all of them (NaN: none), below the motion's frequency.
         telling: [N, nu] those that say what acts: not where a joint rests that the actuator drives and that moves at
         other times, as dry friction holds it there with any force up to its level.
+        sliding: [N, nu] those of them that say how friction depends on speed: not where the direction is not known
+        either, as a joint that stops or starts yields before it slides.
         block: [N] number of each row's block.
         fold: [B] part to which each block belongs (`folds`).
     """
@@ -41,6 +43,7 @@ class Balance:
     tracks: list[Track]
     measured: Array
     telling: Array
+    sliding: Array
     block: Array
     fold: Array
     resolution: Resolution
@@ -59,11 +62,14 @@ class Balance:
             first += count
             of += [k] * count
         measured = np.concatenate([_seen(t.force, t.time, resolution.motion) for t in rows])
+        rests = _held(ctx, np.concatenate([t.rests for t in rows]))
+        unsure = np.concatenate([np.abs(t.v) < UNSEEN * t.unsure for t in rows])
         return Balance(
             ctx,
             rows,
             measured,
-            np.where(_held(ctx, np.concatenate([t.rests for t in rows])), np.nan, measured),
+            np.where(rests, np.nan, measured),
+            np.where(rests | _held(ctx, unsure), np.nan, measured),
             np.concatenate(block),
             folds(np.array(of), np.arange(first)),
             resolution,
@@ -100,7 +106,7 @@ class Balance:
 
 
 def _held(ctx: Context, rests: Array) -> Array:
-    """Whether an actuator's force [N, nu] says nothing, as the joint rests that it drives.
+    """Whether the joint rests [N, nu] that an actuator drives and that moves at other times.
 
     Args:
         rests: [N, nv].

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.effects.candidates import plain_form
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
@@ -45,8 +47,9 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     say("judging what is left")
     resolution = found.balance.resolution
     test = Balance.recorded(p, p.test, ROWS, resolution)
-    fit, needless = _confirmed(found.search.bank, found.fit, test)
-    fit = beside_inexact_inertias(found.balance, fit, p.config.masses_within)
+    bank, fit, test = _as_plain_as_it_slides(found.search.bank, found.fit, test)
+    fit, needless = _confirmed(bank, fit, test)
+    fit = beside_inexact_inertias(bank.balance, fit, p.config.masses_within)
     held = errors_of(p, p.test, test, fit)
     p.warnings += left_out(needless, BY_CHANCE)
     train = force_errors(p, p.looked_at, resolution, fit)
@@ -56,7 +59,7 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     if real and (share > SLIGHT or not fit.hypothesis.terms):
         unexplained = _describe(p, held, share)
         say("modelling what is left")
-        residual = residual_of_forces(p, found.balance, fit, unexplained["at"], held)
+        residual = residual_of_forces(p, bank.balance, fit, unexplained["at"], held)
         if residual is not None:
             unexplained["when"] = residual.told(unexplained["when"])
         parts = fit.hypothesis.split(p.ctx, fit.theta)
@@ -95,6 +98,33 @@ def _confirmed(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]
         worst = min(gains, key=lambda t: gains[t])
         needless.append(worst)
         fit = fitted(bank, leaving_plain(b.ctx, parts, worst))
+
+
+def _as_plain_as_it_slides(bank: Bank, fit: Fitted, b: Balance) -> tuple[Bank, Fitted, Balance]:
+    """Plain friction in place of every law of it that predicts the forces of sliding joints in `b` no better: what a
+    joint does as it stops and starts looks like friction that is another one at low speed. Where there is one, only
+    forces of sliding joints tell from then on.
+
+    Args:
+        bank, b: as of `_confirmed`; returned with what tells.
+    """
+    slides, beside = _sliding(bank.balance), _sliding(b)
+    sliding = replace(bank, balance=slides)
+    for term in fit.hypothesis.terms:
+        parts = fit.hypothesis.split(b.ctx, fit.theta)
+        if term not in parts or not plain_form(b.ctx, term, parts[term]):
+            continue
+        plain = fitted(sliding, leaving_plain(b.ctx, parts, term))
+        with_it, without = (
+            b.predicted(f.hypothesis.split(b.ctx, f.theta)) - beside.telling for f in (fit, plain)
+        )
+        if not beyond_doubt(_evidence(beside, without, with_it)):
+            bank, fit, b = sliding, plain, beside
+    return bank, fit, b
+
+
+def _sliding(b: Balance) -> Balance:
+    return replace(b, telling=b.sliding)
 
 
 def _without(b: Balance, parts: dict[Term, Array], term: Term) -> Array:
