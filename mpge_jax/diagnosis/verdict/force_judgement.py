@@ -106,10 +106,9 @@ def _as_plain_as_it_slides(bank: Bank, fit: Fitted, b: Balance) -> tuple[Bank, F
     forces of sliding joints tell from then on.
 
     Args:
-        bank, b: as of `_confirmed`; returned with what tells.
+        bank, b: as of `_confirmed`; returned with the forces that tell.
     """
-    slides, beside = _sliding(bank.balance), _sliding(b)
-    sliding = replace(bank, balance=slides)
+    sliding, beside = replace(bank, balance=_sliding(bank.balance)), _sliding(b)
     for term in fit.hypothesis.terms:
         parts = fit.hypothesis.split(b.ctx, fit.theta)
         if term not in parts or not plain_form(b.ctx, term, parts[term]):

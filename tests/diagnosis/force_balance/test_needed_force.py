@@ -30,17 +30,8 @@ def _machine(xml, parts=()):
 
 def _track(machine, qpos, qvel, qacc, unsure=1e-4):
     q, v, a = (np.atleast_2d(np.asarray(x, float).T).T for x in (qpos, qvel, qacc))
-    rows = len(q)
-    return Track(
-        "r",
-        0.01 * np.arange(rows),
-        q,
-        v,
-        a,
-        np.full_like(v, unsure),
-        np.zeros((rows, machine.model.nu)),
-        v == 0,
-    )
+    time, force = 0.01 * np.arange(len(q)), np.zeros((len(q), machine.model.nu))
+    return Track("r", time, q, v, a, np.full_like(v, unsure), force, v == 0)
 
 
 def _needed(machine, *states):
