@@ -100,6 +100,7 @@ def _without(p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term]) -> dict[
 
 
 BY_CHANCE = "some recordings speak for it, but others are not predicted better with it by more than chance"
+MAY_BE_NONE = "its 95 % interval, with what recordings and masses leave open, holds that there is none"
 
 
 def left_out(gone: list[Term], why: str) -> list[str]:

@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.evidence.folds import folds
 from mpge_jax.diagnosis.force_balance.low_pass import lagged, low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import Key, Rigid, needed
-from mpge_jax.diagnosis.force_balance.tracks import UNSEEN, Resolution, Track, tracks
+from mpge_jax.diagnosis.force_balance.tracks import Resolution, Track, tracks
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.single_step import Machine
@@ -31,10 +31,8 @@ class Balance:
     Attributes:
         tracks: rows of every recording.
         measured: [N, nu] forces of all of them (NaN: none), below the motion's frequency.
-        telling: [N, nu] those that say what acts: not where a joint rests that the actuator drives and that moves at
-        other times, as dry friction holds it there with any force up to its level.
-        sliding: [N, nu] those of them that say how friction depends on speed: not where the direction is not known
-        either, as a joint that stops or starts yields before it slides.
+        telling: [N, nu] those that say what acts: where the joint slides that the actuator drives, or never does; dry
+        friction holds it elsewhere with any force up to its level.
         block: [N] number of each row's block.
         fold: [B] part to which each block belongs (`folds`).
     """
@@ -43,7 +41,6 @@ class Balance:
     tracks: list[Track]
     measured: Array
     telling: Array
-    sliding: Array
     block: Array
     fold: Array
     resolution: Resolution
@@ -62,14 +59,12 @@ class Balance:
             first += count
             of += [k] * count
         measured = np.concatenate([_seen(t.force, t.time, resolution.motion) for t in rows])
-        rests = _held(ctx, np.concatenate([t.rests for t in rows]))
-        unsure = np.concatenate([np.abs(t.v) < UNSEEN * t.unsure for t in rows])
+        slides = np.concatenate([t.slides(ctx.speed) for t in rows])
         return Balance(
             ctx,
             rows,
             measured,
-            np.where(rests, np.nan, measured),
-            np.where(rests | _held(ctx, unsure), np.nan, measured),
+            np.where(_tells(ctx, slides), measured, np.nan),
             np.concatenate(block),
             folds(np.array(of), np.arange(first)),
             resolution,
@@ -105,17 +100,17 @@ class Balance:
         return np.array(out).reshape(-1, *here.shape)
 
 
-def _held(ctx: Context, rests: Array) -> Array:
-    """Whether the joint rests [N, nu] that an actuator drives and that moves at other times.
+def _tells(ctx: Context, slides: Array) -> Array:
+    """Whether the joint slides [N, nu] that an actuator drives; true throughout where it never does.
 
     Args:
-        rests: [N, nv].
+        slides: [N, nv].
     """
-    m, out = ctx.model, np.zeros((len(rests), ctx.model.nu), bool)
+    m, out = ctx.model, np.ones((len(slides), ctx.model.nu), bool)
     for a in range(m.nu):
         if is_joint_transmission(m, a):
-            here = rests[:, m.jnt_dofadr[m.actuator_trnid[a, 0]]]
-            out[:, a] = here & ~here.all()
+            here = slides[:, m.jnt_dofadr[m.actuator_trnid[a, 0]]]
+            out[:, a] = here | ~here.any()
     return out
 
 

@@ -29,7 +29,7 @@ MOST = 40
 """Most effects."""
 TURNS = 3
 """Most turns of search and fit."""
-SOMETHING = 2.0
+SOMETHING = 3.0
 """Standard deviations from nothing below which a parameter says nothing."""
 
 

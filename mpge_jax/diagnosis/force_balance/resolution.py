@@ -20,7 +20,7 @@ Array = np.ndarray
 SENSOR = (np.inf, 20.0, 10.0, 5.0, 3.0, 2.0, 1.5, 1.0)
 LAG = (0.0, 0.002, 0.004, 0.007, 0.01, 0.015, 0.02, 0.03, 0.05)
 MOTION = (np.inf, 10.0, 5.0, 2.0)
-STILL = (0.0, 0.003, 0.01, 0.03, 0.1)
+STILL = (0.0, 0.003, 0.01, 0.03)
 """What is tried: Hz, s, and shares of a joint's usual speed, from fine to coarse."""
 FILTERED = 0.01
 """Share of a measured force (rms about its mean) that lies above twice the frequency of the filter that it came
@@ -28,6 +28,8 @@ through."""
 ROUGHER = 1.05
 """Times as large (rms about its mean) as the measured force that one may have been before the filter that it came
 through: a filter smooths, but takes little of what moves a machine."""
+SUDDEN = ("sensor", "motion")
+"""What smooths sudden forces: judged by all of them, turns and stops included, and the others where joints slide."""
 BETTER = 0.02
 """By how much the logarithm of the error must fall for a coarser one."""
 ROUNDS = 4
@@ -41,45 +43,45 @@ def choose(p: Prepared, terms: list[Term]) -> Resolution:
 
     All are judged by the same forces, those that were measured. A sensor's filter is supposed only where the forces
     hold nothing far above its frequency, and a lag only where the forces before it would be hardly larger: else the
-    smooth steps of a friction law would pass for a filter.
+    smooth steps of a friction law would pass for a filter. Over which speeds friction builds up is asked last, and of
+    all forces.
 
     Args:
         terms: of the plain regression.
     """
 
-    known: dict[Resolution, float] = {}
+    known: dict[tuple[Resolution, bool], float] = {}
     along: dict[float, list[dict[Key, Rigid]]] = {}
 
-    def error(r: Resolution) -> float:
-        if r not in known:
+    def error(r: Resolution, everywhere: bool) -> float:
+        if (r, everywhere) not in known:
             rows = tracks(p, p.looked_at, ROWS, r)
             same = along.setdefault(r.motion, [{} for _ in rows])
             b = Balance.of(p.ctx, rows, replace(r, motion=np.inf), same)
-            known[r] = _error(Bank.of(replace(b, telling=b.measured), terms))
-        return known[r]
+            known[r, everywhere] = _error(Bank.of(replace(b, telling=b.measured) if everywhere else b, terms))
+        return known[r, everywhere]
 
-    def best(tried: Iterable[Resolution]) -> Resolution:
+    def best(tried: Iterable[Resolution], everywhere: bool = False) -> Resolution:
         chosen, least = Resolution(), np.inf
         for r in tried:
-            if error(r) < least - BETTER:
-                chosen, least = r, error(r)
+            if (here := error(r, everywhere)) < least - BETTER:
+                chosen, least = r, here
         return chosen
 
     tried: tuple[tuple[str, Iterable[Any]], ...] = (
         ("held", (False, True)),
         ("sensor", _filters(p)),
         ("motion", MOTION),
-        ("still", STILL),
         ("lag", _lags(p)),
     )
     found = Resolution()
     for _ in range(ROUNDS):
         before = found
         for name, values in tried:
-            found = best(replace(found, **{name: x}) for x in values)
+            found = best((replace(found, **{name: x}) for x in values), name in SUDDEN)
         if found == before:
             break
-    return found
+    return best((replace(found, still=x) for x in STILL), everywhere=True)
 
 
 def _error(bank: Bank) -> float:

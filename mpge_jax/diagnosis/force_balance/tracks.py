@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from mpge_jax.diagnosis.dataset.given_motion import EDGE
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -15,8 +14,8 @@ from mpge_jax.diagnosis.simulation.drive_signal import Source
 Array = np.ndarray
 UNSEEN = 2.0
 """Deviations of a velocity up to which a joint is not seen to move."""
-RESTS = 0.2
-"""Time (s) over most of which it is not, where a joint rests: one that turns does so in passing."""
+SLIDES = 0.1
+"""Share of its usual speed from which on a joint surely slides: slower, it may creep before it does."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +26,7 @@ class Resolution:
         motion: Hz below which velocities and accelerations are taken from the recorded velocities (infinite: as the
         smoother has them). sensor: Hz to which measured forces follow sudden ones (infinite: all). lag: time constant
         (s) of a filter of first order behind which forces were recorded.
-        still: share of its usual speed below which a joint may be at rest: noise of its sensor moves it there, or it
-        yields before it slides, and dry friction is not fully against it.
+        still: share of its usual speed over which dry friction is taken to build up where forces are predicted.
         held: whether a measured force is held from its row to the next, as a computed one is, and not that of a moment.
     """
 
@@ -45,8 +43,7 @@ class Track:
 
     Attributes:
         time: [T] s. q: [T, nq]. v, a: [T, nv]. unsure: [T, nv] deviation of v as far as it tells the
-        direction of dry friction. force: [T, nu] measured, before the gear (NaN: not measured). rests: [T, nv] whether
-        a joint rests: dry friction holds it with any force up to its level.
+        direction of dry friction. force: [T, nu] measured, before the gear (NaN: not measured).
     """
 
     name: str
@@ -56,7 +53,14 @@ class Track:
     a: Array
     unsure: Array
     force: Array
-    rests: Array
+
+    def slides(self, usual: Array) -> Array:
+        """Whether a joint [T, nv] surely slides: elsewhere dry friction holds it with any force up to its level.
+
+        Args:
+            usual: speed [nv].
+        """
+        return np.asarray(np.abs(self.v) > np.maximum(UNSEEN * self.unsure, SLIDES * usual))
 
     def sensed(self, column: int, dof: int, offset: float, delay: float) -> Track:
         """The same if what was recorded of a joint was off by `offset`, and `delay` s late."""
@@ -85,19 +89,12 @@ def _track(p: Prepared, s: Source, stride: int, resolution: Resolution) -> Track
     rows = slice(_first(s), s.recording.time.size - EDGE, stride)
     x, r = s.states, s.recording
     v, a, unsure = x.qvel, x.qacc, np.sqrt(np.maximum(x.cov[..., 1, 1], 0.0))
-    rests = _mostly(np.abs(v) < UNSEEN * unsure, r.time)
     unsure = np.maximum(unsure, resolution.still * p.ctx.speed)
     if np.isfinite(resolution.motion):
         v = low_pass(_raw_velocity(p, s), r.time, resolution.motion)
         a = np.gradient(v, r.time, axis=0)
     force = _force(p, s, resolution.held)
-    return Track(r.name, r.time[rows], x.qpos[rows], v[rows], a[rows], unsure[rows], force[rows], rests[rows])
-
-
-def _mostly(x: Array, time: Array) -> Array:
-    """Whether most of x [T, ...] is true over `RESTS` about each row."""
-    rows = max(1, round(RESTS / float(np.median(np.diff(time)))))
-    return np.asarray(uniform_filter1d(x.astype(float), rows, axis=0, mode="nearest") > 0.5)
+    return Track(r.name, r.time[rows], x.qpos[rows], v[rows], a[rows], unsure[rows], force[rows])
 
 
 def _raw_velocity(p: Prepared, s: Source) -> Array:

@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inertias
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import as_wide_as_recordings_differ
-from mpge_jax.diagnosis.evidence.held_out_error import FitReport, left_out
+from mpge_jax.diagnosis.evidence.held_out_error import MAY_BE_NONE, FitReport, left_out
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
@@ -30,7 +30,6 @@ from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, EXCHANGES
 
-MAY_BE_NONE = "its 95 % interval, with what recordings and masses leave open, holds that there is none"
 REFINED = 60
 """Windows of the reported length, at most, from which parameters are refined in the end."""
 

@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.effects.candidates import plain_form
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
-from mpge_jax.diagnosis.evidence.held_out_error import BY_CHANCE, left_out
-from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter, odds
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, odds
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
-from mpge_jax.diagnosis.force_balance.bank import Bank
 from mpge_jax.diagnosis.force_balance.force_errors import ROWS, ForceErrors, errors_of, force_errors, rms
-from mpge_jax.diagnosis.force_balance.procedure import (
-    ForceDecision,
-    beside_inexact_inertias,
-    fitted,
-    leaving_plain,
-)
+from mpge_jax.diagnosis.force_balance.procedure import ForceDecision, fitted
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.residual.forces import residual_of_forces
 from mpge_jax.diagnosis.thresholds import SLIGHT
+from mpge_jax.diagnosis.verdict.force_confirmation import confirmed, without
 from mpge_jax.diagnosis.verdict.part_of_unknown import acted_on, doubtful, left_beside
 from mpge_jax.diagnosis.verdict.remainder_description import in_words
 from mpge_jax.diagnosis.verdict.result import Result
@@ -47,11 +39,10 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     say("judging what is left")
     resolution = found.balance.resolution
     test = Balance.recorded(p, p.test, ROWS, resolution)
-    bank, fit, test = _as_plain_as_it_slides(found.search.bank, found.fit, test)
-    fit, needless = _confirmed(bank, fit, test)
-    fit = beside_inexact_inertias(bank.balance, fit, p.config.masses_within)
+    bank = found.search.bank
+    fit, warnings = confirmed(bank, found.fit, test, p.config.masses_within)
     held = errors_of(p, p.test, test, fit)
-    p.warnings += left_out(needless, BY_CHANCE)
+    p.warnings += warnings
     train = force_errors(p, p.looked_at, resolution, fit)
     rivals = {t: _rivals(found, fit, t) for t in fit.hypothesis.terms}
     real, share = _left(held)
@@ -63,9 +54,9 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
         if residual is not None:
             unexplained["when"] = residual.told(unexplained["when"])
         parts = fit.hypothesis.split(p.ctx, fit.theta)
-        without = {t: rms(_without(test, parts, t) - test.telling) for t in parts}
+        each = {t: rms(without(test, parts, t) - test.telling) for t in parts}
         joints = [acted_on(p.model, Place("actuator", a, k)) for k, a in enumerate(p.names.actuators)]
-        beside = left_beside(p, unexplained["at"], held.each_left, without, held.floors_left, joints)
+        beside = left_beside(p, unexplained["at"], held.each_left, each, held.floors_left, joints)
     if unexplained is not None:
         verdict = "unexplained"
     elif any(r.tied for each in rivals.values() for r in each):
@@ -81,71 +72,10 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     )  # fmt: skip
 
 
-def _confirmed(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]:
-    """The fit without the effects by which the forces of `b` are not predicted better, and those effects. One is taken
-    away at a time, as others may stand in for it, and a law of friction leaves the plain one that it contains.
-
-    Args:
-        bank: regression of the recordings to which the others are fitted again. b: forces that nothing was fitted to.
-    """
-    needless: list[Term] = []
-    while True:
-        parts = fit.hypothesis.split(b.ctx, fit.theta)
-        left = b.predicted(parts) - b.telling
-        gains = {t: _evidence(b, _without(b, parts, t) - b.telling, left) for t in parts}
-        if not gains or beyond_doubt(min(gains.values())):
-            return fit, needless
-        worst = min(gains, key=lambda t: gains[t])
-        needless.append(worst)
-        fit = fitted(bank, leaving_plain(b.ctx, parts, worst))
-
-
-def _as_plain_as_it_slides(bank: Bank, fit: Fitted, b: Balance) -> tuple[Bank, Fitted, Balance]:
-    """Plain friction in place of every law of it that predicts the forces of sliding joints in `b` no better: what a
-    joint does as it stops and starts looks like friction that is another one at low speed. Where there is one, only
-    forces of sliding joints tell from then on.
-
-    Args:
-        bank, b: as of `_confirmed`; returned with the forces that tell.
-    """
-    sliding, beside = replace(bank, balance=_sliding(bank.balance)), _sliding(b)
-    for term in fit.hypothesis.terms:
-        parts = fit.hypothesis.split(b.ctx, fit.theta)
-        if term not in parts or not plain_form(b.ctx, term, parts[term]):
-            continue
-        plain = fitted(sliding, leaving_plain(b.ctx, parts, term))
-        with_it, without = (
-            b.predicted(f.hypothesis.split(b.ctx, f.theta)) - beside.telling for f in (fit, plain)
-        )
-        if not beyond_doubt(_evidence(beside, without, with_it)):
-            bank, fit, b = sliding, plain, beside
-    return bank, fit, b
-
-
-def _sliding(b: Balance) -> Balance:
-    return replace(b, telling=b.sliding)
-
-
-def _without(b: Balance, parts: dict[Term, Array], term: Term) -> Array:
-    return b.predicted({t: x for t, x in parts.items() if t != term})
-
-
-def _evidence(b: Balance, without: Array, left: Array) -> float:
-    """Logarithm of the likelihood ratio by which the squared error of forces falls with one effect, the others kept, in
-    units of what is left of each actuator's, block by block.
-
-    Args:
-        without, left: [N, nu] errors without the effect, and with all.
-    """
-    unit = np.maximum(rms(left), 1e-12 * rms(b.telling))
-    blocks = np.bincount(b.block, np.nansum((without**2 - left**2) / unit**2, 1))
-    return by_scatter(blocks)
-
-
 def _drop(held: ForceErrors, f: Fitted, term: Term) -> float:
     """Share of the squared error of held-out forces that goes with one effect, the others kept."""
     b = held.balance
-    wrong = _without(b, f.hypothesis.split(b.ctx, f.theta), term) - b.measured
+    wrong = without(b, f.hypothesis.split(b.ctx, f.theta), term) - b.measured
     return float(1.0 - held.after**2 / max(float(np.nanmean(wrong**2)), 1e-300))
 
 

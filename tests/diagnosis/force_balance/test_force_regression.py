@@ -45,9 +45,7 @@ def _tracks(ctx, parts, noise=0.0, seed=0):
         w, size = rng.uniform(1.0, 7.0, (3, ctx.model.nv)), rng.uniform(0.1, 0.4, (3, ctx.model.nv))
         angle = t[:, None, None] * w + rng.uniform(0, 6, w.shape)
         q, v, a = ((size * x).sum(1) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
-        silent = Track(
-            f"run_{k}", t, q, v, a, np.full_like(v, 1e-3), np.zeros((t.size, ctx.model.nu)), v == 0
-        )
+        silent = Track(f"run_{k}", t, q, v, a, np.full_like(v, 1e-3), np.zeros((t.size, ctx.model.nu)))
         force = needed(Machine.build(ctx, tuple(parts), tuple(parts.values())), silent)
         force = force + noise * rng.standard_normal(force.shape)
         out.append(replace(silent, force=force))
@@ -59,9 +57,7 @@ def test_dry_friction_acts_as_surely_as_the_direction_is_known(ctx):
     zeros = np.zeros((3, ctx.model.nv))
     v = zeros.copy()
     v[:, 0] = [0.0, 1e-3, 1.0]
-    track = Track(
-        "r", np.arange(3.0), zeros, v, zeros, np.full_like(v, 1e-3), zeros[:, : ctx.model.nu], v == 0
-    )
+    track = Track("r", np.arange(3.0), zeros, v, zeros, np.full_like(v, 1e-3), zeros[:, : ctx.model.nu])
     machine, plain = Machine.build(ctx, (term,), (np.array([0.4]),)), Machine.build(ctx, (), ())
     dry = needed(machine, track) - needed(plain, track)
     gear = ctx.model.actuator_gear[0, 0]

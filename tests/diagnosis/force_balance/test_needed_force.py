@@ -31,7 +31,7 @@ def _machine(xml, parts=()):
 def _track(machine, qpos, qvel, qacc, unsure=1e-4):
     q, v, a = (np.atleast_2d(np.asarray(x, float).T).T for x in (qpos, qvel, qacc))
     time, force = 0.01 * np.arange(len(q)), np.zeros((len(q), machine.model.nu))
-    return Track("r", time, q, v, a, np.full_like(v, unsure), force, v == 0)
+    return Track("r", time, q, v, a, np.full_like(v, unsure), force)
 
 
 def _needed(machine, *states):

@@ -1,0 +1,121 @@
+"""Which of the effects that training recordings need are confirmed by forces that nothing was fitted to."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mpge_jax.diagnosis.effects.candidates import plain_form
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.evidence.held_out_error import BY_CHANCE, MAY_BE_NONE, left_out
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
+from mpge_jax.diagnosis.force_balance.balance import Balance
+from mpge_jax.diagnosis.force_balance.bank import Bank
+from mpge_jax.diagnosis.force_balance.force_errors import rms
+from mpge_jax.diagnosis.force_balance.force_search import LEAST
+from mpge_jax.diagnosis.force_balance.procedure import (
+    SOMETHING,
+    beside_inexact_inertias,
+    fitted,
+    leaving_plain,
+    sureness,
+)
+
+Array = np.ndarray
+
+
+def confirmed(bank: Bank, fit: Fitted, b: Balance, masses_within: float) -> tuple[Fitted, list[str]]:
+    """The fit with what is confirmed, its intervals as wide as inexact masses make them; and what is said of the rest.
+
+    Args:
+        bank: regression of the recordings to which the others are fitted again. b: forces that nothing was fitted to.
+        masses_within: share by which given masses and inertias may be off.
+    """
+    fit, by_chance = _predicting(bank, _as_plain(bank, fit, b), b)
+    fit, unsure = _sure(bank, fit, b, masses_within)
+    return fit, left_out(by_chance, BY_CHANCE) + left_out(unsure, MAY_BE_NONE)
+
+
+def without(b: Balance, parts: dict[Term, Array], term: Term) -> Array:
+    """Predicted forces [N, nu] without one of the effects, the others as they are."""
+    return b.predicted({t: x for t, x in parts.items() if t != term})
+
+
+def _as_plain(bank: Bank, fit: Fitted, b: Balance) -> Fitted:
+    """The fit with plain friction in place of every law of it by which the forces of `b` are not predicted better."""
+    for term in fit.hypothesis.terms:
+        parts = fit.hypothesis.split(b.ctx, fit.theta)
+        if term in parts and plain_form(b.ctx, term, parts[term]):
+            plain = _fitted_without(bank, fit, term)
+            if not beyond_doubt(_evidence(b, _wrong(b, plain), _wrong(b, fit))):
+                fit = plain
+    return fit
+
+
+def _predicting(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]:
+    """The fit without the effects by which the forces of `b` are not predicted better, and those effects. One is taken
+    away at a time, as others may stand in for it, and stays where it is `_needed`: `b` may not tell two apart that the
+    recordings of the regression do."""
+    needless: list[Term] = []
+    needed: set[Term] = set()
+    while True:
+        parts, left = fit.hypothesis.split(b.ctx, fit.theta), _wrong(b, fit)
+        gains = {t: _evidence(b, without(b, parts, t) - b.telling, left) for t in parts if t not in needed}
+        if not gains or beyond_doubt(min(gains.values())):
+            return fit, needless
+        worst = min(gains, key=lambda t: gains[t])
+        other = _fitted_without(bank, fit, worst)
+        if _needed(b, fit, other):
+            needed.add(worst)
+        else:
+            needless.append(worst)
+            fit = other
+
+
+def _sure(bank: Bank, fit: Fitted, b: Balance, masses_within: float) -> tuple[Fitted, list[Term]]:
+    """The fit, its intervals as wide as inexact masses make them, without the effects that may be none then and are not
+    `_needed`; and those effects."""
+    unsure: list[Term] = []
+    needed: set[Term] = set()
+    while True:
+        wide = beside_inexact_inertias(bank.balance, fit, masses_within)
+        sure = {t: sureness(bank.balance, wide, t) for t in fit.hypothesis.terms if t not in needed}
+        if not sure or min(sure.values()) > SOMETHING:
+            return wide, unsure
+        worst = min(sure, key=lambda t: sure[t])
+        other = _fitted_without(bank, fit, worst)
+        if _needed(b, fit, other):
+            needed.add(worst)
+        else:
+            unsure.append(worst)
+            fit = other
+
+
+def _fitted_without(bank: Bank, fit: Fitted, term: Term) -> Fitted:
+    """The others fitted again; a law of friction leaves the plain one that it contains."""
+    ctx = bank.balance.ctx
+    return fitted(bank, leaving_plain(ctx, fit.hypothesis.split(ctx, fit.theta), term))
+
+
+def _needed(b: Balance, fit: Fitted, other: Fitted) -> bool:
+    """Whether the forces of `b` are predicted much worse by `other`."""
+    left, wrong = _wrong(b, fit), _wrong(b, other)
+    share = 1.0 - (rms(left) / np.maximum(rms(wrong), 1e-300)) ** 2
+    return beyond_doubt(_evidence(b, wrong, left)) and bool(np.nanmax(share) > LEAST)
+
+
+def _wrong(b: Balance, fit: Fitted) -> Array:
+    """Errors [N, nu] of the forces that tell."""
+    return b.predicted(fit.hypothesis.split(b.ctx, fit.theta)) - b.telling
+
+
+def _evidence(b: Balance, without: Array, left: Array) -> float:
+    """Logarithm of the likelihood ratio by which the squared error of forces falls with one effect, the others kept, in
+    units of what is left of each actuator's, block by block.
+
+    Args:
+        without, left: [N, nu] errors without the effect, and with all.
+    """
+    unit = np.maximum(rms(left), 1e-12 * rms(b.telling))
+    blocks = np.bincount(b.block, np.nansum((without**2 - left**2) / unit**2, 1))
+    return by_scatter(blocks)
