@@ -59,7 +59,7 @@ class Balance:
             first += count
             of += [k] * count
         measured = np.concatenate([_seen(t.force, t.time, resolution.motion) for t in rows])
-        slides = np.concatenate([t.slides(ctx.speed) for t in rows])
+        slides = np.concatenate([t.slides(ctx.speed, 0.5 / resolution.motion) for t in rows])
         return Balance(
             ctx,
             rows,

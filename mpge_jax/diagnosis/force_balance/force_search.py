@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -93,7 +94,7 @@ class ForceSearch:
 
     def run(self, chosen: Chosen = ()) -> Found:
         """The chosen hypothesis, with rivals of each of its terms; the search goes on from what is `chosen`."""
-        best = self._grown(self._pruned(self._judge(chosen, self._weights(chosen))))
+        best = self._exchanged(self._grown(self._pruned(self._judge(chosen, self._weights(chosen)))))
         weighted = self._weights(best.chosen)
         return Found(best, {e.term: self._rivals(best, e, weighted) for e in best.chosen})
 
@@ -131,6 +132,37 @@ class ForceSearch:
             if not found or len(best.chosen) >= self.most:
                 return best
             best = max(found, key=lambda x: x[0])[1]
+
+    def _exchanged(self, best: Judged) -> Judged:
+        """With another effect in the place of one, or of two with several parameters, where that predicts better beyond
+        doubt, or better and is plainer: step by step, two may have come to stand for one."""
+        while True:
+            weighted = self._weights(best.chosen)
+            ranked = sorted(
+                ((self._score(weighted.left(self.bank.columns(m))), i, m) for i, m in enumerate(self._exchanges(best))),
+                key=lambda r: r[:2],
+            )
+            judged = [self._judge(m, weighted) for _, _, m in ranked[:SHOWN]]
+            better = [
+                j for j in judged
+                if self._wins(j, best) or (j.complexity < best.complexity and self.ratio(j, best) > 0.0)
+            ]
+            if not better:
+                return best
+            best = self._pruned(min(better, key=lambda j: self._score(j.errors)))
+            self.log.append(f"forces: {hypothesis_of(best.chosen)}")
+
+    def _exchanges(self, best: Judged) -> list[Chosen]:
+        several = [e for e in best.chosen if len(e.columns) > 1]
+        moves = []
+        for gone in [(e,) for e in best.chosen] + list(combinations(several, 2)):
+            rest = tuple(e for e in best.chosen if e not in gone)
+            hypothesis = hypothesis_of(rest)
+            moves += [
+                (*rest, e) for e in self.entries
+                if e.term not in [g.term for g in gone] and compatible(hypothesis, e.term)
+            ]
+        return moves
 
     def parts(self, chosen: Chosen) -> dict[Term, Array]:
         """Parameters by term, as if all were linear."""

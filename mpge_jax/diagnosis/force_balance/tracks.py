@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from mpge_jax.diagnosis.dataset.given_motion import EDGE
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -54,13 +55,15 @@ class Track:
     unsure: Array
     force: Array
 
-    def slides(self, usual: Array) -> Array:
+    def slides(self, usual: Array, about: float = 0.0) -> Array:
         """Whether a joint [T, nv] surely slides: elsewhere dry friction holds it with any force up to its level.
 
         Args:
-            usual: speed [nv].
+            usual: speed [nv]. about: time (s) before and after for which it must, too.
         """
-        return np.asarray(np.abs(self.v) > np.maximum(UNSEEN * self.unsure, SLIDES * usual))
+        here = np.abs(self.v) > np.maximum(UNSEEN * self.unsure, SLIDES * usual)
+        rows = round(about / float(np.median(np.diff(self.time))))
+        return np.asarray(minimum_filter1d(here.astype(np.int8), 2 * rows + 1, axis=0, mode="nearest") > 0)
 
     def sensed(self, column: int, dof: int, offset: float, delay: float) -> Track:
         """The same if what was recorded of a joint was off by `offset`, and `delay` s late."""
