@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.force_balance.bank import Bank, Entry, hypothesis_of
+from mpge_jax.diagnosis.force_balance.force_moves import Chosen, additions, exchanges, groups
 from mpge_jax.diagnosis.force_balance.gram import Weighted
 
 Array = np.ndarray
@@ -25,19 +25,6 @@ DISTINCT = 1e-3
 """Share of a direction's squared force that no other gives, from which on it is one of its own."""
 SHOWN = 12
 """Candidates that are judged by stretches that they were not fitted to: those that fit best."""
-GROUPS = (
-    ("coulomb_friction",),
-    ("viscous_damping",),
-    ("armature",),
-    ("actuator_bias",),
-    ("actuator_gain",),
-    ("coulomb_friction", "viscous_damping"),
-    ("coulomb_friction", "viscous_damping", "armature"),
-    ("coulomb_friction", "viscous_damping", "actuator_bias"),
-    ("coulomb_friction", "viscous_damping", "armature", "actuator_bias"),
-)
-"""Effects that robots lack in every joint at once; more elaborate ones have to win joint by joint."""
-Chosen = tuple[Entry, ...]
 
 
 @dataclass(frozen=True)
@@ -90,7 +77,7 @@ class ForceSearch:
         self.entries = [e for e in self.bank.entries if e not in self.excluded]
         self.among = len({e.term for e in self.entries})
         self.least = 1e-8 * normal.square.sum(0) + 1e-300
-        self.groups = _groups(self.entries)
+        self.groups = groups(self.entries)
 
     def run(self, chosen: Chosen = ()) -> Found:
         """The chosen hypothesis, with rivals of each of its terms; the search goes on from what is `chosen`."""
@@ -101,7 +88,7 @@ class ForceSearch:
     def _grown(self, best: Judged) -> Judged:
         while len(best.chosen) < self.most:
             weighted = self._weights(best.chosen)
-            found = self._best_of(self._moves(best.chosen), best, weighted)
+            found = self._best_of(additions(self.entries, self.groups, best.chosen), best, weighted)
             if found is None:
                 break
             pruned = self._pruned(found)
@@ -139,30 +126,22 @@ class ForceSearch:
         while True:
             weighted = self._weights(best.chosen)
             ranked = sorted(
-                ((self._score(weighted.left(self.bank.columns(m))), i, m) for i, m in enumerate(self._exchanges(best))),
+                (
+                    (self._score(weighted.left(self.bank.columns(m))), i, m)
+                    for i, m in enumerate(exchanges(self.entries, best.chosen))
+                ),
                 key=lambda r: r[:2],
             )
             judged = [self._judge(m, weighted) for _, _, m in ranked[:SHOWN]]
             better = [
-                j for j in judged
+                j
+                for j in judged
                 if self._wins(j, best) or (j.complexity < best.complexity and self.ratio(j, best) > 0.0)
             ]
             if not better:
                 return best
             best = self._pruned(min(better, key=lambda j: self._score(j.errors)))
             self.log.append(f"forces: {hypothesis_of(best.chosen)}")
-
-    def _exchanges(self, best: Judged) -> list[Chosen]:
-        several = [e for e in best.chosen if len(e.columns) > 1]
-        moves = []
-        for gone in [(e,) for e in best.chosen] + list(combinations(several, 2)):
-            rest = tuple(e for e in best.chosen if e not in gone)
-            hypothesis = hypothesis_of(rest)
-            moves += [
-                (*rest, e) for e in self.entries
-                if e.term not in [g.term for g in gone] and compatible(hypothesis, e.term)
-            ]
-        return moves
 
     def parts(self, chosen: Chosen) -> dict[Term, Array]:
         """Parameters by term, as if all were linear."""
@@ -227,22 +206,6 @@ class ForceSearch:
         alike = [j for j in judged if not beyond_doubt(self.ratio(judged[0], j))]
         return min(alike, key=lambda j: j.complexity, default=None)
 
-    def _moves(self, chosen: Chosen) -> list[Chosen]:
-        """Every candidate added, put in the place of what it cannot stand beside, and groups of them."""
-        entries, hypothesis = self.entries, hypothesis_of(chosen)
-        moves: list[Chosen] = []
-        for e in entries:
-            if compatible(hypothesis, e.term):
-                moves.append((*chosen, e))
-            elif e not in chosen:
-                moves.append((*_beside(chosen, e), e))
-        for group in self.groups:
-            rest = chosen
-            for e in group:
-                rest = _beside(rest, e)
-            moves.append((*rest, *group))
-        return moves
-
     def _pruned(self, best: Judged) -> Judged:
         """Drop, one by one, what predicts no better than nothing in its place."""
         while best.chosen:
@@ -274,24 +237,3 @@ class ForceSearch:
             if others[i].term not in out and len(out) < 5:
                 out[others[i].term] = self._judge((*rest, others[i]), weighted)
         return list(out.values())
-
-
-def _groups(entries: list[Entry]) -> list[Chosen]:
-    """Each of `GROUPS` at every joint or actuator, at each start that one of its effects has; those with fewer are at
-    their last."""
-    starts: dict[Term, list[Entry]] = {}
-    for e in entries:
-        if e.term.place.kind in ("joint", "actuator"):
-            starts.setdefault(e.term, []).append(e)
-    out: list[Chosen] = []
-    for ids in GROUPS:
-        members = [own for i in ids for term, own in starts.items() if term.id == i]
-        for k in range(max(map(len, members), default=0)):
-            out.append(tuple(own[min(k, len(own) - 1)] for own in members))
-    return out
-
-
-def _beside(chosen: Chosen, e: Entry) -> Chosen:
-    """What may stand beside a candidate."""
-    one = hypothesis_of([e])
-    return tuple(o for o in chosen if o.term != e.term and compatible(one, o.term))

@@ -99,6 +99,21 @@ def test_nothing_is_named_where_there_is_noise_alone(ctx):
     assert ForceSearch(Bank.of(b, []), lambda _: None, [], 10).run().rivals == {}
 
 
+def test_one_effect_takes_the_place_of_two_that_stood_for_it(ctx):
+    load = Term("payload_mass", REGISTRY["payload_mass"].places(ctx)[-1])
+    start = load.effect.starts(ctx, load.place)[0]
+    b = Balance.of(ctx, _tracks(ctx, {load: start}, noise=0.02), Resolution())
+    offsets = [Term("com_offset", place) for place in REGISTRY["com_offset"].places(ctx)]
+    bank = Bank.of(b, [load, *offsets])
+    search = ForceSearch(bank, lambda _: None, [], 10)
+    two = tuple(next(e for e in bank.entries if e.term == t) for t in offsets)
+    assert len(two) == 2
+    exchanged = search._exchanged(search._judge(two, search._weights(two)))
+    assert {e.term for e in exchanged.chosen} == {load}
+    # nothing else is better in the place of what is there
+    assert search._exchanged(exchanged).chosen == exchanged.chosen
+
+
 def test_low_pass_keeps_what_is_slow_and_takes_what_is_fast():
     t = np.arange(0.0, 4.0, 0.01)
     slow, fast = np.sin(2 * np.pi * 0.5 * t), np.sin(2 * np.pi * 20.0 * t)

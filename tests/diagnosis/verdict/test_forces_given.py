@@ -227,7 +227,7 @@ def test_what_holds_a_joint_at_rest_is_no_bias_of_its_motor():
     assert named(d) == {"coulomb_friction@hinge"}
     np.testing.assert_allclose(d.fit.theta, 0.3, rtol=0.03)
     # the error that is reported holds the rows at rest; what is left is told where the joint moves
-    assert d.held.after > 0.15 > 0.07 > d.held.each_left[0] > d.held.floors_left[0]
+    assert d.held.after > 0.15 and 0.8 < d.held.each_left[0] / d.held.floors_left[0] < 1.2
 
 
 def test_a_joint_slides_where_it_moves_at_a_tenth_of_its_usual_speed_and_is_seen_to():
@@ -235,6 +235,8 @@ def test_a_joint_slides_where_it_moves_at_a_tenth_of_its_usual_speed_and_is_seen
     track = Track("r", np.arange(5.0), 0 * v, v, 0 * v, np.full_like(v, 0.01), 0 * v)
     np.testing.assert_array_equal(track.slides(np.array([0.0]))[:, 0], [0, 0, 1, 1, 1])
     np.testing.assert_array_equal(track.slides(np.array([1.0]))[:, 0], [0, 0, 0, 1, 1])
+    # and for as long before and after as its acceleration is smoothed over
+    np.testing.assert_array_equal(track.slides(np.array([1.0]), about=1.0)[:, 0], [0, 0, 0, 0, 1])
 
 
 def test_forces_tell_where_their_joint_slides():
