@@ -14,8 +14,7 @@ class Diagnosis(Result):
     """A `Result` that writes itself and rebuilds its machine."""
 
     def __repr__(self) -> str:
-        fits = [self.fit] if self.actuators is None else [self.fit, *self.actuators.fits]
-        named = [str(term) for f in fits for term in f.hypothesis.named]
+        named = [str(term) for term in self.named]
         said = f"warnings={len(self.warnings)}, seconds={self.seconds:.0f}"
         return f"Diagnosis({self.verdict!r}, effects={named}, {said})"
 

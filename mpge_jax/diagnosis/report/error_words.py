@@ -49,6 +49,19 @@ def beyond_noise(d: Result) -> str:
     return f" (the error is {times(noise, after)} what noise alone leaves)" if after > PLAINLY * noise else ""
 
 
+def untold(d: Result) -> str:
+    """What is said of motion errors in test recordings that are far beyond noise where the other recordings, which
+    decide, left no more than noise; nothing where they are not."""
+    if isinstance(d.held, ForceErrors) or d.held.after.rms <= PLAINLY * d.held.floor:
+        return ""
+    usual, noise = float(np.median(d.held.after.window)), float(np.median(d.held.floors))
+    where = "In the test recordings" if usual > PLAINLY * noise else "In a few windows of the test recordings"
+    return (
+        f"{where} the error is still {times(d.held.floor, d.held.after.rms)} what noise and timestep alone leave; what "
+        "that comes from, the other recordings do not tell."
+    )
+
+
 def moves(before: float, after: float, unit: str) -> str:
     """How an error changes: 'falls from 12 to 1 rad, 12 times smaller', or that it rises or stays."""
     if f"{before:.3g}" == f"{after:.3g}":

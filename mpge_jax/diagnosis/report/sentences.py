@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.report.error_words import (
     gain,
     moves,
     percent,
+    untold,
     worse_without,
 )
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel
@@ -118,6 +119,8 @@ def explanation(d: Result) -> str:
         )
     if d.fit.hypothesis.terms or (d.actuators is not None and d.actuators.fits):
         parts.append(gain(d))
+        if d.unexplained is None and not d.remainder and (more := untold(d)):
+            parts.append(more)
     if d.remainder > 0:
         parts.append(
             f"A remainder of {percent(d.remainder)} of the squared error is more than noise"

@@ -62,8 +62,15 @@ class Result:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """The effects that are named."""
+        """The effects that are named of the machine itself, all that there are where no command was recorded beside a
+        measured force."""
         return self.fit.hypothesis.named
+
+    @property
+    def named(self) -> tuple[Term, ...]:
+        """All effects that are named, those between commands and measured forces too."""
+        drives = [] if self.actuators is None else self.actuators.fits
+        return (*self.terms, *(t for f in drives for t in f.hypothesis.named))
 
     @property
     def given_inertias(self) -> list[dict[str, Any]] | None:

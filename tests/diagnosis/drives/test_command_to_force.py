@@ -34,6 +34,8 @@ def test_actuator_effects_show_in_the_prediction_from_commands():
     found = d.to_json()
     assert [(e["id"], e["at"]) for e in found["effects"]] == [("actuator_gain", "motor")]
     assert d.held.before.rms > 10 * d.held.after.rms
+    # nothing is missing in the machine itself
+    assert d.terms == () and [str(t) for t in d.named] == ["actuator_gain@motor"]
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.2])

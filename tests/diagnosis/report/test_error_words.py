@@ -7,7 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis.report.error_words import _usual_window, beside_noise, moves, times, worse_without
+from mpge_jax.diagnosis.report.error_words import (
+    _usual_window,
+    beside_noise,
+    moves,
+    times,
+    untold,
+    worse_without,
+)
 
 
 def test_errors_beside_noise_in_words():
@@ -55,3 +62,22 @@ def test_the_usual_window_is_told_where_few_hide_it(after, said):
     ]
     held = SimpleNamespace(before=errors[0], after=errors[1], floors=np.full(3, 0.01))
     assert _usual_window(held, "rad") == said
+
+
+@pytest.mark.parametrize(
+    ("after", "said"),
+    [
+        pytest.param([0.01, 0.02, 0.02], "", id="noise"),
+        pytest.param(
+            [0.01, 0.01, 0.1],
+            "In a few windows of the test recordings the error is still 5.83 times",
+            id="one",
+        ),
+        pytest.param([0.03, 0.03, 0.03], "In the test recordings the error is still 3 times", id="all"),
+    ],
+)
+def test_errors_far_beyond_noise_that_nothing_accounts_for_are_told(after, said):
+    window = np.array(after)
+    errors = SimpleNamespace(window=window, rms=float(np.sqrt((window**2).mean())))
+    d = SimpleNamespace(held=SimpleNamespace(after=errors, floors=np.full(3, 0.01), floor=0.01))
+    assert untold(d).startswith(said) and bool(untold(d)) == bool(said)
