@@ -55,7 +55,7 @@ class Found:
 
 @dataclass
 class ForceSearch:
-    """Forward selection, each step followed by dropping what is not needed.
+    """Forward selection, each step followed by dropping what is not needed, and exchanges in the end.
 
     One statistic decides: the logarithm of the likelihood ratio of two hypotheses on stretches that they were not
     fitted to, each actuator with its own variance, and with as many independent errors as its neighbouring rows leave.
@@ -228,7 +228,11 @@ class ForceSearch:
         """What could stand in the place of one effect, best first."""
         rest = tuple(e for e in best.chosen if e is not own)
         hypothesis = hypothesis_of(rest)
-        others = [e for e in self.entries if e.term != own.term and compatible(hypothesis, e.term)]
+        others = [
+            e
+            for e in self.entries
+            if e.term != own.term and e.term.effect.named and compatible(hypothesis, e.term)
+        ]
         scores = [
             (self._score(weighted.left(self.bank.columns((*rest, e)))), i) for i, e in enumerate(others)
         ]

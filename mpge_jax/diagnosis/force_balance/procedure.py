@@ -11,6 +11,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.candidates import all_terms, compatible, plain_form
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.inexact_inertias import as_wide_as, with_free_inertias
 from mpge_jax.diagnosis.force_balance.balance import Balance
@@ -55,6 +56,8 @@ def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
     and the search goes on from there, until it stays with what it has.
     """
     terms = [t for t in all_terms(p.ctx, p.config.effects) if can_ask(t)]
+    if p.config.masses_within:
+        terms.append(given_inertias(p.config.masses_within))
     resolution = choose(p, [t for t in terms if t.id in PLAIN])
     if resolution.lag:
         p.warnings.append(

@@ -44,10 +44,10 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     held = errors_of(p, p.test, test, fit)
     p.warnings += warnings
     train = force_errors(p, p.looked_at, resolution, fit)
-    rivals = {t: _rivals(found, fit, t) for t in fit.hypothesis.terms}
+    rivals = {t: _rivals(found, fit, t) for t in fit.hypothesis.named}
     real, share = _left(held)
     unexplained, residual, beside = None, None, {}
-    if real and (share > SLIGHT or not fit.hypothesis.terms):
+    if real and (share > SLIGHT or not fit.hypothesis.named):
         unexplained = _describe(p, held, share)
         say("modelling what is left")
         residual = residual_of_forces(p, bank.balance, fit, unexplained["at"], held)
@@ -62,7 +62,7 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     elif any(r.tied for each in rivals.values() for r in each):
         verdict = "ambiguous"
     else:
-        verdict = "effects" if fit.hypothesis.terms else "none"
+        verdict = "effects" if fit.hypothesis.named else "none"
     drops = {t: _drop(held, fit, t) for t in fit.hypothesis.terms}
     return Result(
         verdict, p, fit, rivals, drops, train, held, _location(p, train), unexplained,

@@ -272,6 +272,18 @@ def test_of_two_effects_that_held_out_forces_cannot_tell_apart_both_stay_that_tr
     np.testing.assert_allclose(d.fit.theta, [0.4, 0.3], rtol=0.05)
 
 
+def test_masses_that_are_as_inexact_as_they_may_be_are_no_missing_physics():
+    spec = mujoco.MjSpec.from_string(MOTORS)
+    for k, body in enumerate(b for b in spec.bodies if b.name != "world"):
+        for geom in body.geoms:
+            geom.mass *= (1.03, 0.97)[k % 2]
+    recordings = bench(spec.to_xml(), [], 2e-3)
+    d = judged(MOTORS, recordings, (*IDS, "com_offset"))
+    assert d.verdict == "none" and not named(d) and d.unexplained is None
+    assert d.held.each_left.max() < 1.5 * d.held.floors_left.max()
+    assert any(abs(body["mass"]["value"] - 1.0) > 0.02 for body in d.given_inertias)
+
+
 def test_a_joint_that_trembles_at_rest_is_not_taken_for_one_that_slides():
     """Dry friction that builds up over 0.03 rad/s, along a motion that stops and goes, with a tremble at rest."""
     t, rng, out = np.arange(0.0, 6.0, 0.01), np.random.default_rng(0), []
