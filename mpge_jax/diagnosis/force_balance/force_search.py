@@ -124,18 +124,9 @@ class ForceSearch:
         """With another effect in the place of one, or of two with several parameters, where that predicts better beyond
         doubt, or better and is plainer: step by step, two may have come to stand for one."""
         while True:
-            weighted = self._weights(best.chosen)
-            ranked = sorted(
-                (
-                    (self._score(weighted.left(self.bank.columns(m))), i, m)
-                    for i, m in enumerate(exchanges(self.entries, best.chosen))
-                ),
-                key=lambda r: r[:2],
-            )
-            judged = [self._judge(m, weighted) for _, _, m in ranked[:SHOWN]]
             better = [
                 j
-                for j in judged
+                for j in self._fitting(exchanges(self.entries, best.chosen), self._weights(best.chosen))
                 if self._wins(j, best) or (j.complexity < best.complexity and self.ratio(j, best) > 0.0)
             ]
             if not better:
@@ -197,14 +188,18 @@ class ForceSearch:
 
     def _best_of(self, moves: Iterable[Chosen], now: Judged, weighted: Weighted) -> Judged | None:
         """The plainest of the moves that predict as well as the best one, if that is better than `now`."""
+        judged = [j for j in self._fitting(moves, weighted) if self._wins(j, now)]
+        judged.sort(key=lambda j: self._score(j.errors))
+        alike = [j for j in judged if not beyond_doubt(self.ratio(judged[0], j))]
+        return min(alike, key=lambda j: j.complexity, default=None)
+
+    def _fitting(self, moves: Iterable[Chosen], weighted: Weighted) -> list[Judged]:
+        """The `SHOWN` of the moves that fit best."""
         ranked = sorted(
             ((self._score(weighted.left(self.bank.columns(m))), i, m) for i, m in enumerate(moves)),
             key=lambda r: r[:2],
         )
-        judged = [self._judge(m, weighted) for _, _, m in ranked[:SHOWN]]
-        judged = sorted((j for j in judged if self._wins(j, now)), key=lambda j: self._score(j.errors))
-        alike = [j for j in judged if not beyond_doubt(self.ratio(judged[0], j))]
-        return min(alike, key=lambda j: j.complexity, default=None)
+        return [self._judge(m, weighted) for _, _, m in ranked[:SHOWN]]
 
     def _pruned(self, best: Judged) -> Judged:
         """Drop, one by one, what predicts no better than nothing in its place."""
