@@ -62,7 +62,7 @@ class Track:
             usual: speed [nv]. about: time (s) before and after for which it must, too.
         """
         here = np.abs(self.v) > np.maximum(UNSEEN * self.unsure, SLIDES * usual)
-        rows = round(about / float(np.median(np.diff(self.time))))
+        rows = round(about / float(np.median(np.diff(self.time)))) if self.time.size > 1 else 0
         return np.asarray(minimum_filter1d(here.astype(np.int8), 2 * rows + 1, axis=0, mode="nearest") > 0)
 
     def sensed(self, column: int, dof: int, offset: float, delay: float) -> Track:
