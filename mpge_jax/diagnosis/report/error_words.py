@@ -51,8 +51,8 @@ def beyond_noise(d: Result) -> str:
 
 def untold(d: Result) -> str:
     """What is said of motion errors in test recordings that are far beyond noise where the other recordings, which
-    decide, left no more than noise; nothing where they are not."""
-    if isinstance(d.held, ForceErrors) or d.held.after.rms <= PLAINLY * d.held.floor:
+    decide, left no more than noise; nothing where they are not, or where impacts do that, as a warning says."""
+    if isinstance(d.held, ForceErrors) or d.ctx.contacts or d.held.after.rms <= PLAINLY * d.held.floor:
         return ""
     usual, noise = float(np.median(d.held.after.window)), float(np.median(d.held.floors))
     where = "In the test recordings" if usual > PLAINLY * noise else "In a few windows of the test recordings"

@@ -79,5 +79,8 @@ def test_the_usual_window_is_told_where_few_hide_it(after, said):
 def test_errors_far_beyond_noise_that_nothing_accounts_for_are_told(after, said):
     window = np.array(after)
     errors = SimpleNamespace(window=window, rms=float(np.sqrt((window**2).mean())))
-    d = SimpleNamespace(held=SimpleNamespace(after=errors, floors=np.full(3, 0.01), floor=0.01))
+    held = SimpleNamespace(after=errors, floors=np.full(3, 0.01), floor=0.01)
+    d = SimpleNamespace(held=held, ctx=SimpleNamespace(contacts=False))
     assert untold(d).startswith(said) and bool(untold(d)) == bool(said)
+    # of impacts a warning tells
+    assert untold(SimpleNamespace(held=held, ctx=SimpleNamespace(contacts=True))) == ""
