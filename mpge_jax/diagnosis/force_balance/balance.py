@@ -9,6 +9,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.folds import folds
 from mpge_jax.diagnosis.force_balance.low_pass import lagged, low_pass
 from mpge_jax.diagnosis.force_balance.needed_force import Key, Rigid, needed
@@ -85,6 +86,10 @@ class Balance:
             low_pass(lagged(f, t.time, lag), t.time, cutoff) for f, t in zip(forces, self.tracks, strict=True)
         ]
         return np.concatenate(seen)
+
+    def predicted_by(self, f: Fitted) -> Array:
+        """The same of a fit."""
+        return self.predicted(f.hypothesis.split(self.ctx, f.theta))
 
     def columns(self, parts: dict[Term, Array], term: Term, here: Array) -> Array:
         """Change [p, N, nu] of the predicted force with each parameter of one of the `parts`.

@@ -69,7 +69,7 @@ class ForceErrors:
 
     def of(self, f: Fitted) -> float:
         """Error of another fit."""
-        return self._rms(self.balance.predicted(f.hypothesis.split(self.balance.ctx, f.theta)))
+        return self._rms(self.balance.predicted_by(f))
 
     def _rms(self, predicted: Array) -> float:
         wrong = predicted - self.balance.measured
@@ -83,7 +83,7 @@ def force_errors(p: Prepared, sources: tuple[Source, ...], resolution: Resolutio
 
 def errors_of(p: Prepared, sources: tuple[Source, ...], b: Balance, f: Fitted) -> ForceErrors:
     """The same where their balance is known."""
-    corrected = b.predicted(f.hypothesis.split(p.ctx, f.theta))
+    corrected = b.predicted_by(f)
     return ForceErrors(b, b.predicted({}), corrected, *_floors(p, sources, b, f, corrected))
 
 
@@ -102,7 +102,7 @@ def _floors(
     sensor = _sensor_noise(p)
     again = tuple(_recorded_again(p, s, sensor, np.isfinite(b.resolution.motion), rng) for s in sources)
     other = Balance.recorded(p, again, ROWS, b.resolution)
-    moved = other.predicted(f.hypothesis.split(p.ctx, f.theta)) - corrected
+    moved = other.predicted_by(f) - corrected
     alone = rms(other.measured)
     everywhere, moving = (
         np.sqrt(rms(np.where(np.isfinite(x), moved, np.nan)) ** 2 + alone**2) for x in (b.measured, b.telling)

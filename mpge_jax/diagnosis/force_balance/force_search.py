@@ -195,11 +195,11 @@ class ForceSearch:
 
     def _fitting(self, moves: Iterable[Chosen], weighted: Weighted) -> list[Judged]:
         """The `SHOWN` of the moves that fit best."""
-        ranked = sorted(
-            ((self._score(weighted.left(self.bank.columns(m))), i, m) for i, m in enumerate(moves)),
-            key=lambda r: r[:2],
-        )
-        return [self._judge(m, weighted) for _, _, m in ranked[:SHOWN]]
+        return [self._judge(m, weighted) for m in self._ranked(moves, weighted)[:SHOWN]]
+
+    def _ranked(self, moves: Iterable[Chosen], weighted: Weighted) -> list[Chosen]:
+        """The moves, those that fit best first."""
+        return sorted(moves, key=lambda m: self._score(weighted.left(self.bank.columns(m))))
 
     def _pruned(self, best: Judged) -> Judged:
         """Drop, one by one, what predicts no better than nothing in its place."""
@@ -223,16 +223,13 @@ class ForceSearch:
         """What could stand in the place of one effect, best first."""
         rest = tuple(e for e in best.chosen if e is not own)
         hypothesis = hypothesis_of(rest)
-        others = [
-            e
+        moves = [
+            (*rest, e)
             for e in self.entries
             if e.term != own.term and e.term.effect.named and compatible(hypothesis, e.term)
         ]
-        scores = [
-            (self._score(weighted.left(self.bank.columns((*rest, e)))), i) for i, e in enumerate(others)
-        ]
         out: dict[Term, Judged] = {}
-        for _, i in sorted(scores):
-            if others[i].term not in out and len(out) < 5:
-                out[others[i].term] = self._judge((*rest, others[i]), weighted)
+        for m in self._ranked(moves, weighted):
+            if m[-1].term not in out and len(out) < 5:
+                out[m[-1].term] = self._judge(m, weighted)
         return list(out.values())

@@ -41,10 +41,10 @@ ROWS = 1500
 def choose(p: Prepared, terms: list[Term]) -> Resolution:
     """The resolution with which a plain regression of the forces predicts stretches best that it was not fitted to.
 
-    All are judged by the same forces, those that were measured. A sensor's filter is supposed only where the forces
-    hold nothing far above its frequency, and a lag only where the forces before it would be hardly larger: else the
-    smooth steps of a friction law would pass for a filter. Over which speeds friction builds up is asked last, and of
-    all forces.
+    All that is tried of one thing is judged by the same forces, as they were measured. A sensor's filter is supposed
+    only where the forces hold nothing far above its frequency, and a lag only where the forces before it would be
+    hardly larger: else the smooth steps of a friction law would pass for a filter. Over which speeds friction builds up
+    is asked last, and of all forces.
 
     Args:
         terms: of the plain regression.

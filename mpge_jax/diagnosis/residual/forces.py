@@ -46,7 +46,7 @@ def _function(p: Prepared, b: Balance, f: Fitted, place: Place) -> Function | No
     values = seen(p, place)
     # what a drive gives is what is to be predicted
     known = {k: x for k, x in values.items() if not k.startswith(DRIVE)}
-    missing = b.predicted(f.hypothesis.split(p.ctx, f.theta)) - b.telling
+    missing = b.predicted_by(f) - b.telling
     some = hinted(functions(known), place, [rows_of(p, b, f, missing, place)])
     best = best_function([(e, place.index, _blocks(b, f, e, place)) for e in some], b.fold)
     if best is None:

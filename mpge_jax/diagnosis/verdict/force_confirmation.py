@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 import numpy as np
 
 from mpge_jax.diagnosis.effects.candidates import plain_form
@@ -31,8 +33,17 @@ def confirmed(bank: Bank, fit: Fitted, b: Balance, masses_within: float) -> tupl
         bank: regression of the recordings to which the others are fitted again. b: forces that nothing was fitted to.
         masses_within: share by which given masses and inertias may be off.
     """
-    fit, by_chance = _predicting(bank, _as_plain(bank, fit, b), b)
-    fit, unsure = _sure(bank, fit, b, masses_within)
+
+    def refitted(f: Fitted, term: Term) -> Fitted:
+        return _fitted_without(bank, f, term)
+
+    def wide(f: Fitted) -> Fitted:
+        return beside_inexact_inertias(bank.balance, f, masses_within)
+
+    fit, by_chance = _reduced(b, _as_plain(bank, fit, b), lambda f: _by_chance(b, f), refitted)
+    fit, unsure = _reduced(
+        b, wide(fit), lambda f: _unsure(bank.balance, f), lambda f, t: wide(refitted(f, t))
+    )
     return fit, left_out(by_chance, BY_CHANCE) + left_out(unsure, MAY_BE_NONE)
 
 
@@ -52,43 +63,42 @@ def _as_plain(bank: Bank, fit: Fitted, b: Balance) -> Fitted:
     return fit
 
 
-def _predicting(bank: Bank, fit: Fitted, b: Balance) -> tuple[Fitted, list[Term]]:
-    """The fit without the effects by which the forces of `b` are not predicted better, and those effects. One is taken
-    away at a time, as others may stand in for it, and stays where it is `_needed`: `b` may not tell two apart that the
-    recordings of the regression do."""
-    needless: list[Term] = []
+def _reduced(
+    b: Balance,
+    fit: Fitted,
+    weakest: Callable[[Fitted], Iterable[Term]],
+    refitted: Callable[[Fitted, Term], Fitted],
+) -> tuple[Fitted, list[Term]]:
+    """The fit without its weak effects, and those effects. One is taken away at a time, as others may stand in for it,
+    and stays where it is `_needed`: `b` may not tell two apart that the recordings of the regression do.
+
+    Args:
+        weakest: the weak effects of a fit, the weakest first. refitted: a fit without one of its effects.
+    """
+    gone: list[Term] = []
     needed: set[Term] = set()
-    while True:
-        parts, left = fit.hypothesis.split(b.ctx, fit.theta), _wrong(b, fit)
-        gains = {t: _evidence(b, without(b, parts, t) - b.telling, left) for t in parts if t not in needed}
-        if not gains or beyond_doubt(min(gains.values())):
-            return fit, needless
-        worst = min(gains, key=lambda t: gains[t])
-        other = _fitted_without(bank, fit, worst)
+    weak = weakest(fit)
+    while rest := [t for t in weak if t not in needed]:
+        other = refitted(fit, rest[0])
         if _needed(b, fit, other):
-            needed.add(worst)
+            needed.add(rest[0])
         else:
-            needless.append(worst)
-            fit = other
+            gone.append(rest[0])
+            fit, weak = other, weakest(other)
+    return fit, gone
 
 
-def _sure(bank: Bank, fit: Fitted, b: Balance, masses_within: float) -> tuple[Fitted, list[Term]]:
-    """The fit, its intervals as wide as inexact masses make them, without the effects that may be none then and are not
-    `_needed`; and those effects."""
-    unsure: list[Term] = []
-    needed: set[Term] = set()
-    while True:
-        wide = beside_inexact_inertias(bank.balance, fit, masses_within)
-        sure = {t: sureness(bank.balance, wide, t) for t in fit.hypothesis.terms if t not in needed}
-        if not sure or min(sure.values()) > SOMETHING:
-            return wide, unsure
-        worst = min(sure, key=lambda t: sure[t])
-        other = _fitted_without(bank, fit, worst)
-        if _needed(b, fit, other):
-            needed.add(worst)
-        else:
-            unsure.append(worst)
-            fit = other
+def _by_chance(b: Balance, fit: Fitted) -> list[Term]:
+    """The effects by which the forces of `b` are not predicted better, those that help least first."""
+    parts, left = fit.hypothesis.split(b.ctx, fit.theta), _wrong(b, fit)
+    gains = {t: _evidence(b, without(b, parts, t) - b.telling, left) for t in parts}
+    return sorted((t for t in parts if not beyond_doubt(gains[t])), key=lambda t: gains[t])
+
+
+def _unsure(b: Balance, fit: Fitted) -> list[Term]:
+    """The effects that are no surer than nothing, the least sure first."""
+    sure = {t: sureness(b, fit, t) for t in fit.hypothesis.terms}
+    return sorted((t for t in sure if sure[t] <= SOMETHING), key=lambda t: sure[t])
 
 
 def _fitted_without(bank: Bank, fit: Fitted, term: Term) -> Fitted:
@@ -106,7 +116,7 @@ def _needed(b: Balance, fit: Fitted, other: Fitted) -> bool:
 
 def _wrong(b: Balance, fit: Fitted) -> Array:
     """Errors [N, nu] of the forces that tell."""
-    return b.predicted(fit.hypothesis.split(b.ctx, fit.theta)) - b.telling
+    return b.predicted_by(fit) - b.telling
 
 
 def _evidence(b: Balance, without: Array, left: Array) -> float:

@@ -39,8 +39,7 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     say("judging what is left")
     resolution = found.balance.resolution
     test = Balance.recorded(p, p.test, ROWS, resolution)
-    bank = found.search.bank
-    fit, warnings = confirmed(bank, found.fit, test, p.config.masses_within)
+    fit, warnings = confirmed(found.search.bank, found.fit, test, p.config.masses_within)
     held = errors_of(p, p.test, test, fit)
     p.warnings += warnings
     train = force_errors(p, p.looked_at, resolution, fit)
@@ -50,7 +49,7 @@ def judge_forces(p: Prepared, found: ForceDecision, say: Callable[[str], None]) 
     if real and (share > SLIGHT or not fit.hypothesis.named):
         unexplained = _describe(p, held, share)
         say("modelling what is left")
-        residual = residual_of_forces(p, bank.balance, fit, unexplained["at"], held)
+        residual = residual_of_forces(p, found.balance, fit, unexplained["at"], held)
         if residual is not None:
             unexplained["when"] = residual.told(unexplained["when"])
         parts = fit.hypothesis.split(p.ctx, fit.theta)

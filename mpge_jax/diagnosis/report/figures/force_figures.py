@@ -61,7 +61,7 @@ def whole(d: Result, e: ForceErrors, path: Path) -> Path:
     predicted = [e.given, e.corrected]
     if d.residual is not None:
         modelled = with_residual(d.ctx, d.fit, d.residual)
-        predicted.append(e.balance.predicted(modelled.hypothesis.split(d.ctx, modelled.theta)))
+        predicted.append(e.balance.predicted_by(modelled))
     first = 0
     for k, (track, source) in enumerate(zip(tracks, d.prepared.test, strict=False)):
         rows = slice(first, first + len(track.time))
