@@ -262,6 +262,13 @@ GATES = (
         lambda answer, _p, _s, found, *_args: answer[0] is not found,
     ),
     Gate(
+        "steps as seen",
+        "effects are confirmed by predictions in the timestep and integrator that recordings show",
+        ("SEEN", "MOST_SEEN"),
+        "evidence.numerics_seen:numerics_seen",
+        fixed(({}, [])),
+    ),
+    Gate(
         "chosen by others",
         "effects that recordings for choosing do not gain by go",
         ("SURE",),

@@ -19,8 +19,8 @@ from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.force_balance import procedure as force_balance
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
-from mpge_jax.diagnosis.measurement.numerics_seen import in_steps_as_seen
 from mpge_jax.diagnosis.recordings.reader import read
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.selection import checkpoint
@@ -85,10 +85,11 @@ def _counted(count: int, what: str) -> str:
 def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | None = None) -> Result:
     """What the model lacks, and what recording did to what was recorded: either is estimated given the other.
 
-    The recordings are read with rows, ages, delays and zeros that no physics explains, and the search looks for physics
-    in what that leaves. Then the rows that commands belong to, their clock, the ages of servos' forces, after them the
-    delays, and after these the zeros, are estimated again given that physics; where they moved, the search goes on from
-    what it has on recordings read anew. So it ends after six decisions at most.
+    The recordings are read with rows, ages, delays and zeros that no physics explains, and simulated in steps as fine
+    as they show, and the search looks for physics in what that leaves. Then the steps, the rows that commands belong
+    to, their clock, the ages of servos' forces, after them the delays, and after these the zeros, are told again given
+    that physics; where they moved, the search goes on from what it has on recordings read anew. So it ends after seven
+    decisions at most.
 
     Where motion and force were recorded and no commands, nothing is simulated: the forces decide.
 
@@ -116,6 +117,7 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
     )
     found = decide(p, s, say)
     for moved in (
+        MeasurementModel.with_moved_steps,
         MeasurementModel.with_moved_rows,
         MeasurementModel.with_moved_clock,
         MeasurementModel.with_moved_ages,

@@ -54,6 +54,11 @@ ELSEWHERE_FROM, MANY_ELSEWHERE = 1.3, 0.5
 """Relative chi^2 of a window from which on it may start elsewhere than estimated, where things strike each other; and
 the share of such windows from which on something is missing instead."""
 
+# what is no physics
+SEEN, MOST_SEEN = 6.0, 3.0
+"""Deviations from nothing at which another timestep, integrator or moment of the commands than the model's counts as
+seen, and how many of those that whitening allows for it may be."""
+
 # whether an effect adds to the force that is missing
 SURELY, LARGER, USUALLY = 3.0, 2.0, 0.5
 """Standard errors from which on a force is missing in a window; how many times as large with the effect as without it

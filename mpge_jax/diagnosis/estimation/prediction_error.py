@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 Array = np.ndarray
 DRAWS = 4
 """Draws of the noise in measured forces."""
+NO_AMOUNTS: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -35,11 +37,19 @@ class Errors:
     curves: Array
 
 
-def errors(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Errors:
-    """Open-loop prediction errors of positions in joint space, from starts that `f` itself tells (`told_starts`)."""
+def errors(
+    sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts: Mapping[str, float] = NO_AMOUNTS
+) -> Errors:
+    """Open-loop prediction errors of positions in joint space, from starts that `f` itself tells (`told_starts`).
+
+    Args:
+        amounts: how much of each of `numerics` predictions are to have.
+    """
     nv = sim.model.nv
     w = told(sim, f, w, column_scale(noise, sim.model))
     residual = sim.residuals([Run(f.hypothesis, f.theta)], w)[0][..., :nv]
+    if any(amounts.values()):
+        residual = residual + _numerical_moves(sim, f, w, noise, amounts)
     square = np.clip(residual, -1e3, 1e3) ** 2
     seen = np.isfinite(square)
     filled = np.where(seen, square, 0.0)
@@ -80,10 +90,12 @@ def _shaken_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: A
         again = [whole.driven_by(tuple(s.shaken(shaken, rng) for s in whole.sources)) for _ in range(DRAWS)]
         return [sim.residuals(run, each)[0] - own for each in again]
 
-    return _from_told_starts(sim, f, w, noise, drawn)
+    return np.mean([_mean_square(x, w) for x in _from_told_starts(sim, f, w, noise, drawn)], axis=0)
 
 
-def numerical_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts: dict[str, float]) -> Array:
+def numerical_floor(
+    sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts: Mapping[str, float]
+) -> Array:
     """Mean square error of positions in each window [W] as the recordings move with another timestep, integrator or
     moment of the commands than the model's, from starts that follow that.
 
@@ -92,20 +104,34 @@ def numerical_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts
     """
     if not any(amounts.values()):
         return np.zeros(w.count)
+    w = told(sim, f, w, column_scale(noise, sim.model))
+    return _mean_square(_numerical_moves(sim, f, w, noise, amounts), w)
+
+
+def _numerical_moves(
+    sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts: Mapping[str, float]
+) -> Array:
+    """[W, N, nv] by which such amounts of `numerics` change the residual; `w` as in `_from_told_starts`."""
 
     def change(whole: Windows) -> list[Array]:
         changed = numerics(sim, f.hypothesis, f.theta, whole)
         moves = [a * changed[kind] for kind, a in amounts.items() if kind in changed]
         return [np.sum([np.zeros((*whole.seen.shape, 2 * sim.model.nv)), *moves], axis=0)]
 
-    return _from_told_starts(sim, f, told(sim, f, w, column_scale(noise, sim.model)), noise, change)
+    return _from_told_starts(sim, f, w, noise, change)[0]
+
+
+def _mean_square(moved: Array, w: Windows) -> Array:
+    """[W] of the positions that are compared, by how these move [W, N, nv]."""
+    square = (moved**2 * w.seen[..., None]).sum((1, 2))
+    return square / np.maximum(w.seen.sum(1) * moved.shape[-1], 1)
 
 
 def _from_told_starts(
     sim: Simulator, f: Fitted, w: Windows, noise: Noise, drawn: Callable[[Windows], list[Array]]
-) -> Array:
-    """Mean square [W] of the positions by changes [W, N, 2 nv] of the prediction, from starts that follow them: the
-    mean over all that are drawn.
+) -> list[Array]:
+    """By how much changes [W, N, 2 nv] of the residual move the positions' one [W, N, nv], from starts that follow
+    them.
 
     Args:
         w: from starts that `f` has `told`.
@@ -115,11 +141,9 @@ def _from_told_starts(
     whole = replace(w, seen=w.seen | w.lead, lead=np.zeros_like(w.lead))
     columns = np.nan_to_num(changes(sim, start_runs(f.hypothesis, f.theta, whole), whole))
     known = np.where(w.lead[..., None] & np.isfinite(scale), 1.0 / scale**2, 0.0)
-    squares = []
+    moved = []
     for change in drawn(whole):
         d = np.clip(np.nan_to_num(change), -1e3, 1e3)
         follows = -np.einsum("wst,twnd,wnd->ws", cov, columns, known * d, optimize=True)
-        d = d + np.einsum("swnd,ws->wnd", columns, follows, optimize=True)
-        square = (d[..., :nv] ** 2 * w.seen[..., None]).sum((1, 2))
-        squares.append(square / np.maximum(w.seen.sum(1) * nv, 1))
-    return np.mean(squares, axis=0)
+        moved.append((d + np.einsum("swnd,ws->wnd", columns, follows, optimize=True))[..., :nv])
+    return moved

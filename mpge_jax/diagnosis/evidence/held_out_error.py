@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
+from mpge_jax.diagnosis.estimation.prediction_error import NO_AMOUNTS, Errors, errors, noise_floor
 from mpge_jax.diagnosis.evidence.null_distribution import force_noise
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -29,7 +29,7 @@ class FitReport:
 
     Attributes:
         floors: [W] rms error that noise alone leaves in each window, and what is no missing physics either
-            (`beside`). floor: the same over all of them.
+            (`beside`). floor: the same over all of them. amounts: of `numerics` that predictions have here.
     """
 
     windows: Windows
@@ -37,6 +37,7 @@ class FitReport:
     after: Errors
     floors: Array
     floor: float
+    amounts: Mapping[str, float] = field(default_factory=dict)
 
     def above(self, ratio: float) -> FitReport:
         """The same with `ratio` times the noise."""
@@ -74,13 +75,13 @@ def judged(p: Prepared, part: Part) -> Windows:
     return p.windows(part, p.config.report_s, WINDOWS[part], seed=1, judged=True)
 
 
-def fit_report(p: Prepared, f: Fitted, part: Part) -> FitReport:
-    """Errors of the nominal model and of `f` on the recordings of one part."""
+def fit_report(p: Prepared, f: Fitted, part: Part, amounts: Mapping[str, float] = NO_AMOUNTS) -> FitReport:
+    """Errors of the nominal model and of `f` on the recordings of one part, with some amounts of `numerics`."""
     w = judged(p, part)
-    before = errors(p.sim, NOTHING, w, p.noise)
-    after = errors(p.sim, f, w, p.noise) if f.hypothesis.terms else before
+    before = errors(p.sim, NOTHING, w, p.noise, amounts)
+    after = errors(p.sim, f, w, p.noise, amounts) if f.hypothesis.terms else before
     variance = noise_floor(p.sim, f, w, p.noise, force_noise(p))
-    return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())))
+    return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())), amounts)
 
 
 def error_drops(p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term]) -> dict[Term, float]:
@@ -91,12 +92,14 @@ def error_drops(p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term]) -> di
 
 def errors_without(p: Prepared, f: Fitted, report: FitReport) -> dict[Term, Errors]:
     """Errors on a report's windows without each effect, the others kept."""
-    return _without(p, f, report.windows, f.hypothesis.terms)
+    return _without(p, f, report.windows, f.hypothesis.terms, report.amounts)
 
 
-def _without(p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term]) -> dict[Term, Errors]:
+def _without(
+    p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term], amounts: Mapping[str, float] = NO_AMOUNTS
+) -> dict[Term, Errors]:
     h = f.hypothesis
-    return {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), w, p.noise) for t in terms}
+    return {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), w, p.noise, amounts) for t in terms}
 
 
 BY_CHANCE = "some recordings speak for it, but others are not predicted better with it by more than chance"

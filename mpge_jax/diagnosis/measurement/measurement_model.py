@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.measurement.command_rows import rows_are_late, with_earl
 from mpge_jax.diagnosis.measurement.commands_clock import common_delay, describe_clock, with_later_commands
 from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, arrivals, moved, with_arrivals
 from mpge_jax.diagnosis.measurement.encoder_zeros import describe_zeros, other_zeros, with_zeros
+from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
 from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age
 from mpge_jax.diagnosis.recordings.command_lag import READ_SO
 from mpge_jax.diagnosis.selection.procedure import Decision
@@ -46,6 +47,12 @@ class MeasurementModel:
     def given(self, f: Fitted) -> MeasurementModel:
         """The same with the delays that are likeliest if `f` is true."""
         return replace(self, delays=arrivals(self.at_rows, f, self.late))
+
+    def with_moved_steps(self, found: Decision) -> MeasurementModel | None:
+        """In finer steps than the model's, where what was found shows that the machine moves as in these: what was
+        missing hid it. Else None."""
+        finer = in_steps_as_seen(self.at_rows, found.fit) if found.fit.hypothesis.terms else self.at_rows
+        return None if finer is self.at_rows else replace(self.given(found.fit), at_rows=finer)
 
     def with_moved_rows(self, found: Decision) -> MeasurementModel | None:
         """With every command on the row before, where what was found predicts better so; else None."""

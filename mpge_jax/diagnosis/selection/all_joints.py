@@ -22,6 +22,7 @@ from mpge_jax.diagnosis.estimation.whitening import Whitener, usual_excess
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.selection.competition import at_noise, loud
 from mpge_jax.diagnosis.selection.criteria import needed, strength
+from mpge_jax.diagnosis.selection.given_masses import with_given
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
@@ -50,6 +51,9 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
         both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
         fits += [] if both is None else fit(s.sim, [both], s.train, white, iterations=8)
         fits[0] = _with_load(s, fits[0], white)
+        # where every joint lacks something, the masses were hardly weighed either
+        free = with_given(s, fits[0])
+        fits += [] if free is None else fit(s.sim, [free], s.train, white, iterations=8)
     # fewer of them explain less than all do, which may not be at their best yet: half the way must be done
     most = 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
     fits = _all_thinned(s, [f for f in fits if usual_excess(f.loss) < most])

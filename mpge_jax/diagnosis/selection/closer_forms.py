@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit, slopes_of
 from mpge_jax.diagnosis.selection.competition import at_noise
-from mpge_jax.diagnosis.selection.criteria import needed, strength
+from mpge_jax.diagnosis.selection.criteria import moves, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import NAMED
 
@@ -60,7 +60,7 @@ def _with_better(s: Search, current: Fitted, forms: dict[Term, Term]) -> Fitted:
     starts = _with_closer(s, current, forms)
     quick = fit(s.sim, starts, *sample, iterations=ITERATIONS, slopes=slopes, anew=False)
     best = min(quick, key=lambda f: f.loss)
-    if best.loss >= evaluate(s.sim, [current], *sample)[0].loss:
+    if best.loss >= evaluate(s.sim, [current], *sample)[0].loss or not moves(s, best, current):
         return current
     every = fit(s.sim, [best], s.train, white, iterations=ITERATIONS)[0]
     fewer = _without_idle(s, current, every)
@@ -71,7 +71,7 @@ def _with_better(s: Search, current: Fitted, forms: dict[Term, Term]) -> Fitted:
     )
     chosen = old
     for new in tried:
-        if needed(new, chosen, 1, len(_further(chosen.fit, new.fit))):
+        if needed(new, chosen, 1, len(_further(chosen.fit, new.fit))) and moves(s, new.fit, chosen.fit):
             chosen = new
     s.log.append(
         "closer forms: "

@@ -9,7 +9,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.missing_force import missing
-from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
+from mpge_jax.diagnosis.estimation.prediction_error import NO_AMOUNTS, Errors, errors, noise_floor
 from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.evidence.held_out_error import (
     BY_CHANCE,
@@ -22,6 +22,7 @@ from mpge_jax.diagnosis.evidence.held_out_error import (
 )
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
 from mpge_jax.diagnosis.evidence.null_distribution import force_noise
+from mpge_jax.diagnosis.evidence.numerics_seen import numerics_seen
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -50,7 +51,7 @@ def confirmed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, Fi
     p.warnings += left_out(adding, ADDS)
     for why in dict.fromkeys(needless.values()):
         p.warnings += left_out([t for t, its in needless.items() if its == why], why)
-    return f, report, [*adding, *needless]
+    return f, fit_report(p, f, part) if report.amounts else report, [*adding, *needless]
 
 
 def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict[Term, str], FitReport]:
@@ -60,9 +61,12 @@ def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict
     One is taken away at a time, as others may stand in for it, and the others are fitted again. All that went together
     must not be missed either, nor may what is left predict no better than the model as given where more did: what each
     of many explains may be too slight to be sure of, and its sum is not. What never predicts better goes as a whole.
+    Predictions are made with the timestep, integrator and moment of the commands that recordings show beside what was
+    found: what those of the model miss would drown what slight effects explain.
     """
     gone: dict[Term, str] = {}
-    report = fit_report(p, f, part)
+    amounts = numerics_seen(p, f)[0] if f.hypothesis.terms else NO_AMOUNTS
+    report = fit_report(p, f, part, amounts)
     best = report.after
     while f.hypothesis.terms:
         without = errors_without(p, f, report)
@@ -71,7 +75,7 @@ def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict
         if beyond_doubt(sure[weakest]):
             break
         fewer = refitted(s, f.of_terms(p.ctx, f.hypothesis.without(weakest)))
-        its = fit_report(p, fewer, part)
+        its = fit_report(p, fewer, part, amounts)
         if beyond_doubt(_evidence(its.after, best, report.floors)) or (_helps(report) and not _helps(its)):
             break
         idle = np.allclose(without[weakest].window, report.after.window)
@@ -79,7 +83,7 @@ def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict
         f, report, best = fewer, its, min(best, its.after, key=lambda e: e.rms)
     if f.hypothesis.terms and not _helps(report):
         gone |= dict.fromkeys(f.hypothesis.terms, BY_CHANCE)
-        f, report = NOTHING, fit_report(p, NOTHING, part)
+        f, report = NOTHING, fit_report(p, NOTHING, part, amounts)
     return f, gone, report
 
 

@@ -24,10 +24,10 @@ TOGETHER = 3
 def as_given(s: Search, f: Fitted) -> Fitted:
     """`f` with factors of the given masses and inertias, beside the plain form of a friction, in place of every effect
     that is not likelier than they are: by all windows, and by how far from one they would have to be."""
-    share = next((t.effect.share for t in s.terms if isinstance(t.effect, GivenInertias)), 0.0)
+    share = _share(s)
     if not share or not f.hypothesis.named:
         return f
-    for term in _like_masses(s, f, share):
+    for term in _like_masses(s, f):
         whites = s.whiten(f)
         (other,) = fit(
             s.sim, [_instead(s, f, term, given_inertias(share))], s.train, whites[0], iterations=ITERATIONS
@@ -39,10 +39,20 @@ def as_given(s: Search, f: Fitted) -> Fitted:
     return f
 
 
-def _like_masses(s: Search, f: Fitted, share: float) -> list[Term]:
+def with_given(s: Search, f: Fitted) -> Fitted | None:
+    """`f` with factors of the given masses and inertias, to be fitted; None where they are exact, or known already."""
+    return with_free_inertias(s.sim.ctx, f, _share(s))
+
+
+def _share(s: Search) -> float:
+    """By which share the given masses and inertias may be off; 0: not at all."""
+    return next((t.effect.share for t in s.terms if isinstance(t.effect, GivenInertias)), 0.0)
+
+
+def _like_masses(s: Search, f: Fitted) -> list[Term]:
     """Effects that do not differ clearly from nothing where the masses and inertias are free too, and laws of friction
     that contain plainer ones: where a weight pulls one way, masses pass for what differs by direction."""
-    ctx, free = s.sim.ctx, with_free_inertias(s.sim.ctx, f, share)
+    ctx, free = s.sim.ctx, with_given(s, f)
     if free is not None:
         (free,) = fit(s.sim, [free], s.train, s.whiten_one(f, s.train), iterations=TOGETHER)
     size, parts = strength(s, free or f), f.hypothesis.split(ctx, f.theta)

@@ -21,6 +21,7 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, REMAINS
 from mpge_jax.diagnosis.verdict.elsewhere import elsewhere
+from mpge_jax.diagnosis.verdict.part_of_unknown import left_of_motion, matters
 from mpge_jax.diagnosis.verdict.remainder_description import describe
 
 LIKE = "it is only like what acts: without it, a force that nobody named predicts recordings far better"
@@ -33,14 +34,24 @@ def beside_unknown(
     function or elsewhere instead, if these tell more."""
     if found.left is None:
         return found, held
+    here = describe(p, found.left, 1.0)["at"]
+    if not _matters(p, s, found, here):
+        return found, held
     _, left = what_is_left(p, NOTHING, s)
     if left is None:
         return found, held
     at = describe(p, left, 1.0)["at"]
-    anywhere = list(dict.fromkeys([*at, *describe(p, found.left, 1.0)["at"]]))
+    anywhere = list(dict.fromkeys([*at, *here]))
     say("asking what one unknown force explains")
     instead = _beside_functions(p, s, found, at, anywhere, say) or elsewhere(p, s, found, anywhere, say)
     return (found, held) if instead is None else (instead, fit_report(p, instead.fit, "test"))
+
+
+def _matters(p: Prepared, s: Search, found: Decision, at: list[str]) -> bool:
+    """Whether what is left at some places is more than a detail of recordings that only choose."""
+    report = fit_report(p, found.fit, "choice")
+    share = report.left(s.sim.rugged(found.fit.hypothesis)) ** 2
+    return matters(share, left_of_motion(p, found.fit, at, report))
 
 
 def _beside_functions(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -14,23 +13,21 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.prediction_error import numerical_floor
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, LATE, STEP
 from mpge_jax.diagnosis.evidence.held_out_error import (
-    WINDOWS,
     FitReport,
     error_drops,
-    errors_without,
     fit_report,
 )
-from mpge_jax.diagnosis.measurement.numerics_seen import numerics_seen
+from mpge_jax.diagnosis.evidence.numerics_seen import numerics_seen
 from mpge_jax.diagnosis.residual.model import ResidualModel, with_residual
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.selection.criteria import may_be_none
 from mpge_jax.diagnosis.selection.procedure import Decision
 from mpge_jax.diagnosis.selection.remainder import leaves
 from mpge_jax.diagnosis.selection.search_state import Search
-from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING, SLIGHT
+from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING
 from mpge_jax.diagnosis.verdict.beside_functions import without_needless
 from mpge_jax.diagnosis.verdict.location import by_joint
-from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_beside
+from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_of_motion, matters
 from mpge_jax.diagnosis.verdict.remainder_description import describe
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -76,15 +73,6 @@ def struck(p: Prepared, found: Decision, held: FitReport) -> list[str]:
     ]
 
 
-def matters(share: float, beside: Sequence[float]) -> bool:
-    """Whether what is left is more than a detail, also beside each of the effects that act where it is.
-
-    Args:
-        share: of the squared error. beside: of that without each such effect.
-    """
-    return max([share, *beside]) > SLIGHT
-
-
 def judge(
     p: Prepared,
     plain: mujoco.MjModel,
@@ -110,8 +98,7 @@ def judge(
     # windows of test recordings start from rows that are not compared: start and measurement are as independent there
     # as a floor takes them
     train = fit_report(*shown, "train").above(found.noise.ratio)
-    longer = p.all_to_train().windows("train", p.config.report_s, WINDOWS["choice"], seed=1)
-    amounts, stepped = numerics_seen(p, found.fit, longer)
+    amounts, stepped = numerics_seen(p, found.fit)
     train, held = (
         r.beside(numerical_floor(shown[0].sim, shown[1], r.windows, shown[0].noise, amounts))
         for r in (train, held)
@@ -124,10 +111,8 @@ def judge(
     unexplained, residual, beside = None, None, {}
     if left is not None:
         told = describe(p, left, share)
-        each = {t: e.joint for t, e in errors_without(p, found.fit, held).items()}
-        joints = [[j] for j in p.model.dof_jntid]
-        beside = left_beside(p, told["at"], held.after.joint, each, held.floor, joints)
-        unexplained = told if functions or matters(share, [x.there for x in beside.values()]) else None
+        beside = left_of_motion(p, found.fit, told["at"], held)
+        unexplained = told if functions or matters(share, beside) else None
     if unexplained is not None:
         residual = functions
         if residual is None:

@@ -16,6 +16,8 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without
 from mpge_jax.diagnosis.machine.model import moments
 from mpge_jax.diagnosis.thresholds import SLIGHT
 
@@ -83,6 +85,21 @@ def left_beside(
         for term, joints in its.items()
         if here & joints
     }
+
+
+def left_of_motion(p: Prepared, f: Fitted, at: Sequence[str], report: FitReport) -> dict[Term, Beside]:
+    """What is `left_beside` the effects of a fit in the windows of a report."""
+    each = {t: e.joint for t, e in errors_without(p, f, report).items()}
+    return left_beside(p, at, report.after.joint, each, report.floor, [[j] for j in p.model.dof_jntid])
+
+
+def matters(share: float, beside: Mapping[Term, Beside]) -> bool:
+    """Whether what is left is more than a detail, also beside each of the effects that act where it is.
+
+    Args:
+        share: of the squared error. beside: what is left beside each such effect.
+    """
+    return max([share, *(left.there for left in beside.values())]) > SLIGHT
 
 
 def joints_at(p: Prepared, name: str) -> list[int]:

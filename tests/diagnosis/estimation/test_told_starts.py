@@ -12,7 +12,8 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors, noise_floor, numerical_floor
 from mpge_jax.diagnosis.estimation.told_starts import left_open, told
 from mpge_jax.diagnosis.estimation.whitening import STEP, column_scale
-from tests.diagnosis.searches import COULOMB
+from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.searches import COULOMB, prepared_of
 
 TRUTH = Fitted(Hypothesis.of(COULOMB), np.array([0.1]), np.array([0.1]))
 
@@ -59,6 +60,18 @@ def test_less_is_left_open_than_before_and_errors_are_as_large_as_that(null):
     steps = numerical_floor(p.sim, NOTHING, w, p.noise, {STEP: 1.5})
     floor = np.sqrt((noise_floor(p.sim, NOTHING, w, p.noise, np.zeros(p.model.nu)) + steps).mean())
     assert 0.7 * floor < errors(p.sim, NOTHING, w, p.noise).rms < 1.5 * floor
+
+
+def test_predictions_with_the_steps_of_the_recordings_are_as_good_as_noise_lets_them_be():
+    """A stiff servo, recorded in half the model's steps."""
+    stiff = ARM.replace('kp="8" kv="0.4"', 'kp="40" kv="1"')
+    recordings = record(stiff.replace('"0.002"', '"0.01"'), [0.4, 0.8], noise=1e-5)
+    p = prepared_of(stiff.replace('"0.002"', '"0.005"'), recordings)
+    w = p.windows("test", 0.5, 6)
+    plain, none, half = (errors(p.sim, NOTHING, w, p.noise, x) for x in ({}, {STEP: 0.0}, {STEP: 1.0}))
+    assert none.rms == plain.rms and half.rms < 0.2 * plain.rms
+    steps = numerical_floor(p.sim, NOTHING, w, p.noise, {STEP: 1.0})
+    assert np.sqrt(steps.mean()) == pytest.approx(plain.rms, rel=0.2)
 
 
 def test_windows_that_keep_no_rows_for_it_stay_as_they_are(rubbing):

@@ -53,6 +53,35 @@ def test_friction_and_rotor_inertia_in_every_joint_are_found_together_and_a_load
         assert parts[f"armature@{joint}"] == pytest.approx(rotor, rel=0.15)
 
 
+CRANE = """<mujoco><option timestep="0.002" integrator="implicitfast"/>
+<default><geom contype="0" conaffinity="0"/><position kp="40" kv="2"/></default><worldbody>
+<body><joint name="yaw" axis="0 0 1" damping="0.05"/><geom type="capsule" fromto="0 0 0 .2 0 0" size=".03" mass="1"/>
+<body pos=".2 0 0"><joint name="shoulder" axis="0 1 0" damping="0.05"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1"/>
+<body pos="0 0 -.3"><joint name="elbow" axis="0 1 0" damping="0.03"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.25" size=".025" mass=".6"/></body></body></body></worldbody>
+<actuator><position joint="yaw"/><position joint="shoulder"/><position joint="elbow"/></actuator></mujoco>"""
+
+
+def test_friction_and_rotor_inertia_in_every_joint_are_found_beside_masses_that_are_off():
+    masses = np.array([0.95, 1.05, 0.94])
+
+    def change(model: mujoco.MjModel) -> None:
+        really_sticks(model)
+        model.dof_frictionloss[:] = 0.3, 0.25, 0.12
+        model.dof_armature[:] += 0.04, 0.03, 0.02
+        model.body_mass[1:] *= masses
+        model.body_inertia[1:] *= (2.0 - masses)[:, None]
+
+    s = search_of(CRANE, record(CRANE, [1.0, 0.8, 0.8], change=change, count=4))[0]
+    found = everywhere(s, _fitted(s, {"armature@elbow": 0.01}))
+    parts = found.hypothesis.split(s.sim.ctx, found.theta)
+    (factors,) = (parts.pop(t) for t in list(parts) if not t.effect.named)
+    assert factors[4] == pytest.approx(masses[2], abs=0.03)
+    # of all that has a name, what is missing alone
+    assert {t.id for t in parts} == {"coulomb_friction", "armature"} and len(parts) == 6
+
+
 @pytest.mark.parametrize(("effect", "size"), [("actuator_delay", 0.03), ("actuator_gain", 0.6)])
 def test_what_all_drives_have_in_common_is_found_together(effect, size):
     def change(model: mujoco.MjModel) -> None:

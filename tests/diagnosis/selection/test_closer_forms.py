@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.selection import closer_forms
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
 from mpge_jax.diagnosis.selection.closer_forms import closer, with_plain
 from mpge_jax.diagnosis.selection.forward_selection import search
@@ -59,6 +60,14 @@ def test_it_is_found_named_as_its_law_and_leaves_nothing_for_others(elastic):
 def test_friction_that_does_not_give_way_stays_rigid_though_something_else_is_left():
     s = _search(change=_rigid)
     current = fitted(s, {COULOMB: [SLIDES]})
+    assert closer(s, current) is current
+
+
+def test_friction_that_gives_way_too_little_to_matter_stays_rigid(monkeypatch):
+    """Stiff bristles beside a pull of another size that is known: they show, and move nothing."""
+    s = _search(force=_bristles)
+    current = fitted(s, {COULOMB: [SLIDES]})
+    monkeypatch.setattr(closer_forms, "moves", lambda _s, new, old: new is old)
     assert closer(s, current) is current
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,8 +12,9 @@ from mpge_jax.diagnosis.estimation.prediction_error import Errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.selection import confirmation
-from mpge_jax.diagnosis.selection.confirmation import confirmed
-from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, fitted, slight
+from mpge_jax.diagnosis.selection.confirmation import confirmed, refitted
+from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, fitted, search_of, slight
 
 WINDOWS = 60
 
@@ -39,6 +41,26 @@ def test_the_others_are_fitted_again(rubbing):
     assert f.theta == pytest.approx([0.1], rel=0.1)
 
 
+def test_an_effect_is_confirmed_though_the_models_steps_miss_more_than_it_explains(monkeypatch):
+    """Dry friction of 0.02 N m on an arm with a stiff servo, which moves in half the model's steps."""
+
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[0] = 0.02
+
+    stiff = ARM.replace('kp="8" kv="0.4"', 'kp="40" kv="1"')
+    # four times finer than these
+    recordings = record(stiff.replace('"0.002"', '"0.01"'), [4.0, 0.8], change=change, noise=1e-5, count=8)
+    s, p = search_of(stiff.replace('"0.002"', '"0.005"'), recordings)
+    (rubs,) = (t for t in s.terms if str(t) == "coulomb_friction@shoulder")
+    f = refitted(s, fitted(s, {rubs: [0.02]}))
+    kept, report, gone = confirmed(p, s, f, "choice")
+    assert not gone and kept is f
+    # what is reported is what the model's own steps predict
+    assert not report.amounts and report.after.rms > 0.01
+    monkeypatch.setattr(confirmation, "numerics_seen", lambda _p, _f: ({}, []))
+    assert confirmed(p, s, f, "choice")[2] == [rubs]
+
+
 def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
     """Confirmation with squared errors of windows that are told: `shares` of each term is what it takes off."""
 
@@ -55,7 +77,7 @@ def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
         fewer = {t: f.hypothesis.without(t) for t in f.hypothesis.terms}
         return {t: errors_of(h, 0.0) if h.terms else report.before for t, h in fewer.items()}
 
-    monkeypatch.setattr(confirmation, "fit_report", lambda p, f, part: report(f))
+    monkeypatch.setattr(confirmation, "fit_report", lambda p, f, part, *_: report(f))
     monkeypatch.setattr(confirmation, "errors_without", without)
     monkeypatch.setattr(confirmation, "refitted", lambda s, f: f)
     monkeypatch.setattr(confirmation, "_adds", lambda p, f, term, w, here: 0.0)

@@ -15,7 +15,8 @@ from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, STEP, numerics, robust_loss, whitener
-from mpge_jax.diagnosis.measurement.numerics_seen import in_steps_as_seen, numerics_seen
+from mpge_jax.diagnosis.evidence.numerics_seen import numerics_seen
+from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
 from mpge_jax.diagnosis.selection.alternatives import find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.competition import at_noise
@@ -204,8 +205,7 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
 def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
     """Recordings are made with a quarter of the timestep."""
     p = prepared_of(PENDULUM, record(PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
-    w = p.all_to_train().windows("train", p.config.report_s, 60)
-    amounts, told = numerics_seen(p, NOTHING, w)
+    amounts, told = numerics_seen(p, NOTHING)
     assert any("move as with a finer timestep" in x for x in told) == (STEP in amounts) == warned
     assert not any("another moment" in x for x in told)
     # halving the timestep is two thirds of the way to a quarter
@@ -215,6 +215,5 @@ def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
     assert seen.dt == (p.dt / 4 if warned else p.dt) and (seen is p) == (not warned)
     assert [x for x in p.warnings if "finer timestep" in x] == [x for x in p.warnings if "in steps of" in x]
     assert (
-        not any("finer timestep" in x for x in numerics_seen(seen, NOTHING, w)[1])
-        and len(p.warnings) == warned
+        not any("finer timestep" in x for x in numerics_seen(seen, NOTHING)[1]) and len(p.warnings) == warned
     )

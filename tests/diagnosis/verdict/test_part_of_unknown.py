@@ -16,8 +16,7 @@ from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function
 from mpge_jax.diagnosis.verdict import judgement
-from mpge_jax.diagnosis.verdict.judgement import matters
-from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, acted_on, doubtful, left_beside
+from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, acted_on, doubtful, left_beside, matters
 from tests.diagnosis.machines import ARM, FLYER, record
 
 MODEL = mujoco.MjModel.from_xml_string(ARM)
@@ -73,8 +72,9 @@ def test_a_floating_base_goes_by_its_body():
 
 
 def test_what_is_left_is_a_detail_only_beside_all_that_acts_there():
-    assert matters(0.03, []) and not matters(0.01, [0.015, 0.001])
-    assert matters(0.001, [0.5, 0.001])
+    slight = Beside(0.001, 0.7)
+    assert matters(0.03, {}) and not matters(0.01, {RUBS: Beside(0.015, 0.8), GAIN: slight})
+    assert matters(0.001, {RUBS: Beside(0.5, 0.0), GAIN: slight})
 
 
 def test_effects_are_in_doubt_where_more_than_a_detail_is_left_beside_them():
