@@ -265,8 +265,8 @@ GATES = (
         "steps as seen",
         "effects are confirmed by predictions in the timestep and integrator that recordings show",
         ("SEEN", "MOST_SEEN"),
-        "evidence.numerics_seen:numerics_seen",
-        fixed(({}, [])),
+        "evidence.numerics_seen:amounts_seen",
+        fixed({}),
     ),
     Gate(
         "chosen by others",

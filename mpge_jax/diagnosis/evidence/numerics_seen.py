@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.prediction_error import NO_AMOUNTS
 from mpge_jax.diagnosis.estimation.whitening import (
     INTEGRATOR,
     LATE,
@@ -25,6 +28,12 @@ NUMERICS = {
     INTEGRATOR: "the recordings move as with another integrator than the model's",
 }
 """What is said of `numerics` where they are seen; of Runge-Kutta the first is another integrator too."""
+
+
+def amounts_seen(p: Prepared, f: Fitted) -> Mapping[str, float]:
+    """How much of each of `numerics` is clearly there beside what was found; nothing where nothing was, or where things
+    touch: the model's steps are a part of its contacts."""
+    return numerics_seen(p, f)[0] if f.hypothesis.terms and not p.ctx.contacts else NO_AMOUNTS
 
 
 def numerics_seen(p: Prepared, f: Fitted) -> tuple[dict[str, float], list[str]]:

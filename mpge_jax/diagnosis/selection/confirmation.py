@@ -9,7 +9,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.missing_force import missing
-from mpge_jax.diagnosis.estimation.prediction_error import NO_AMOUNTS, Errors, errors, noise_floor
+from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors, noise_floor
 from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.evidence.held_out_error import (
     BY_CHANCE,
@@ -22,7 +22,7 @@ from mpge_jax.diagnosis.evidence.held_out_error import (
 )
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, by_scatter
 from mpge_jax.diagnosis.evidence.null_distribution import force_noise
-from mpge_jax.diagnosis.evidence.numerics_seen import numerics_seen
+from mpge_jax.diagnosis.evidence.numerics_seen import amounts_seen
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -65,7 +65,7 @@ def _needed(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[Fitted, dict
     found: what those of the model miss would drown what slight effects explain.
     """
     gone: dict[Term, str] = {}
-    amounts = numerics_seen(p, f)[0] if f.hypothesis.terms else NO_AMOUNTS
+    amounts = amounts_seen(p, f)
     report = fit_report(p, f, part, amounts)
     best = report.after
     while f.hypothesis.terms:

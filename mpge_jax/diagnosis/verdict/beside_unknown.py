@@ -14,6 +14,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, fit_report, judged, left_out
+from mpge_jax.diagnosis.evidence.numerics_seen import amounts_seen
 from mpge_jax.diagnosis.residual.motion import functions_of_motion
 from mpge_jax.diagnosis.selection.confirmation import predicts_better
 from mpge_jax.diagnosis.selection.procedure import Decision, decide, tested, what_is_left
@@ -49,7 +50,7 @@ def beside_unknown(
 
 def _matters(p: Prepared, s: Search, found: Decision, at: list[str]) -> bool:
     """Whether what is left at some places is more than a detail of recordings that only choose."""
-    report = fit_report(p, found.fit, "choice")
+    report = fit_report(p, found.fit, "choice", amounts_seen(p, found.fit))
     share = report.left(s.sim.rugged(found.fit.hypothesis)) ** 2
     return matters(share, left_of_motion(p, found.fit, at, report))
 

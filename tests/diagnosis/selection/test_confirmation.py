@@ -57,7 +57,7 @@ def test_an_effect_is_confirmed_though_the_models_steps_miss_more_than_it_explai
     assert not gone and kept is f
     # what is reported is what the model's own steps predict
     assert not report.amounts and report.after.rms > 0.01
-    monkeypatch.setattr(confirmation, "numerics_seen", lambda _p, _f: ({}, []))
+    monkeypatch.setattr(confirmation, "amounts_seen", lambda _p, _f: {})
     assert confirmed(p, s, f, "choice")[2] == [rubs]
 
 
