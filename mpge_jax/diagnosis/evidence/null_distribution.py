@@ -26,7 +26,7 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
 from mpge_jax.diagnosis.simulation.windows import Windows, cut
-from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, BY_CHANCE, DOUBT, SEVERAL
+from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, BY_CHANCE, DOUBT, LOUD, SEVERAL
 
 Array = np.ndarray
 SEGMENT, ROWS, ALL = 0.8, 14, 1_000_000
@@ -44,6 +44,7 @@ class Floor:
         ratio: usual error relative to `noise_floor`, which takes start state and measurements for independent (they
             are not: the state was smoothed from the same measurements), at most 1.
         missed: root-mean-square error of all windows relative to that, where impacts weigh.
+        by_dof: [nv] mean loss of each degree of freedom by itself (empty: one for each).
     """
 
     loss: float = 1.0
@@ -51,6 +52,11 @@ class Floor:
     ratio: float = 1.0
     missed: float = 1.0
     losses: Array = field(default_factory=lambda: np.array([BY_CHANCE]))
+    by_dof: Array = field(default_factory=lambda: np.zeros(0))
+
+    def loud(self, by_dof: Array) -> Array:
+        """At which degrees of freedom mean losses [nv] are far more than that."""
+        return by_dof > LOUD * np.maximum(self.by_dof if self.by_dof.size else 1.0, 1.0)
 
     def exceeded(self, losses: Array) -> bool:
         """Whether windows with these losses [W] show more than that on average, beyond doubt."""
@@ -137,7 +143,11 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
         got, expected = np.nanmean(positions[seen] ** 2, axis=(1, 2)), np.maximum(expected[seen], 1e-300)
         ratio = min(float(np.sqrt(np.median(got / expected))), 1.0)
         missed = float(np.sqrt(got.mean() / expected.mean()))
-    return Floor(float(loss.mean()), float(loss.std() / np.sqrt(max(loss.size, 1))), ratio, missed, loss)
+    error, each = (
+        float(loss.std() / np.sqrt(max(loss.size, 1))),
+        robust_loss(white.by_dof(flat, sim.model.nv)),
+    )
+    return Floor(float(loss.mean()), error, ratio, missed, loss, each.mean(0))
 
 
 def force_noise(prepared: Prepared) -> Array:

@@ -10,6 +10,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit, slopes_of
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.evidence.likelihood_ratio import stand_out
+from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.scored import Scored, hopeful, with_simpler
 from mpge_jax.diagnosis.selection.remainder import remainder
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -75,7 +76,7 @@ def only_noise(s: Search, base: Fitted, white: Whitener) -> bool:
         flat = white(s.sim.residuals([Run(base.hypothesis, base.theta)], w))[0]
         x = white.excess(flat)
         # in a large machine, what one joint lacks drowns in the mean over all
-        if not base.hypothesis.terms and loud(white, flat, s.sim.model.nv).any():
+        if loud(white, flat, s.sim.model.nv).any():
             return False
         outlying += int(stand_out(robust_loss(x)).sum())
         # a tempered whitener, or an overestimated noise, says nothing
@@ -99,4 +100,15 @@ def at_floor(s: Search, base: Fitted) -> bool:
     floor = s.floor(base)
     if nominal and floor.loss < SETTLED:
         return False
-    return remainder(s, base, floor, thorough=False) is None
+    return remainder(s, base, floor, thorough=False) is None and not _loud_at(s, base, floor).any()
+
+
+def _loud_at(s: Search, base: Fitted, floor: Floor) -> Array:
+    """Degrees of freedom [nv] at which training and held-out windows show far more than `floor`, where the mean over
+    all does not."""
+    loud = np.ones(s.sim.model.nv, bool)
+    for w in (s.train, s.held):
+        white = s.whiten_one(base, w, temper=False)
+        flat = white(s.sim.residuals([Run(base.hypothesis, base.theta)], w))[0]
+        loud &= floor.loud(robust_loss(white.by_dof(flat, s.sim.model.nv)).mean(0))
+    return loud

@@ -15,11 +15,12 @@ from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, STEP, numerics, robust_loss, whitener
+from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.numerics_seen import numerics_seen
 from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
 from mpge_jax.diagnosis.selection.alternatives import find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit
-from mpge_jax.diagnosis.selection.competition import at_noise
+from mpge_jax.diagnosis.selection.competition import at_floor, at_noise
 from mpge_jax.diagnosis.selection.criteria import moves
 from mpge_jax.diagnosis.selection.forward_selection import search
 from mpge_jax.diagnosis.selection.search_state import MANY, WORK
@@ -27,7 +28,7 @@ from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.thresholds import AT_NOISE, LOUD
 from tests.diagnosis.machines import ARM, PENDULUM, SERVO, record
-from tests.diagnosis.searches import prepared_of
+from tests.diagnosis.searches import fitted, prepared_of
 
 
 def _search(p):
@@ -172,18 +173,37 @@ PENDULA = f"""<mujoco><option timestep="0.002" integrator="implicitfast"/><world
 <actuator>{MOTORS}</actuator></mujoco>"""
 
 
+@pytest.mark.parametrize("known", [0.0, 0.02])
 @pytest.mark.parametrize("lacking", [0.0, 0.002])
-def test_what_one_of_many_joints_lacks_does_not_drown(lacking):
+def test_what_one_of_many_joints_lacks_does_not_drown(lacking, known):
+    """Also where dry friction of another joint was found before."""
+
     def change(model: mujoco.MjModel) -> None:
         model.dof_damping[3] += lacking
+        model.dof_frictionloss[7] += known
 
     s = _search(prepared_of(PENDULA, record(PENDULA, 0.8, change=change, noise=1e-3)))
-    white = s.whiten_one(NOTHING, s.train)
-    flat = white(s.sim.residuals([Run(NOTHING.hypothesis, NOTHING.theta)], s.train))[0]
+    rubs = Term("coulomb_friction", Place("joint", "j7", 7))
+    base = fitted(s, {rubs: [known]}) if known else NOTHING
+    white = s.whiten_one(base, s.train)
+    flat = white(s.sim.residuals([Run(base.hypothesis, base.theta)], s.train))[0]
     each = robust_loss(white.by_dof(flat, 16)).mean(0)
     assert robust_loss(white.excess(flat)).mean() < AT_NOISE and white.factor == 1.0
     assert (np.flatnonzero(each > LOUD) == ([3] if lacking else [])).all()
-    assert at_noise(s, NOTHING, white) == (not lacking)
+    assert at_noise(s, base, white) == (not lacking)
+
+
+def test_what_one_joint_lacks_does_not_drown_in_what_noise_leaves_of_all(monkeypatch):
+    """Where noise enters otherwise than through measurements, by what the truth would leave of each joint."""
+    floor = Floor(loss=1.5, error=0.01, losses=np.full(40, 1.5), by_dof=np.array([0.5, 2.0]))
+    assert floor.loud(np.array([1.4, 2.9])).tolist() == [False, False]
+    assert floor.loud(np.array([1.6, 3.1])).tolist() == [True, True]
+    s = _search(prepared_of(ARM, record(ARM, [4.0, 0.8], noise=1e-4)))
+    s.floor = lambda _f: floor
+    base = fitted(s, {Term("viscous_damping", Place("joint", "elbow", 1)): [0.0]})
+    assert at_floor(s, base)
+    monkeypatch.setattr(Floor, "loud", lambda _self, by_dof: np.arange(by_dof.size) == 1)
+    assert not at_floor(s, base)
 
 
 def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
