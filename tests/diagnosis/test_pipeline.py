@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
 from mpge_jax.diagnosis.selection.procedure import Decision
 from tests.diagnosis.searches import COULOMB, fitted
 
-PARTS = ("with_moved_delays", "with_moved_zeros")
+PARTS = ("with_moved_steps", "with_moved_delays", "with_moved_zeros")
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def decision(rubbing):
     return Decision(f, {COULOMB: []}, Floor(), None, None)
 
 
-@pytest.mark.parametrize("moves", [(), PARTS[:1], PARTS[1:], PARTS])
+@pytest.mark.parametrize("moves", [(), PARTS[:1], PARTS[1:2], PARTS[2:], PARTS])
 def test_the_search_goes_on_where_the_recordings_are_read_otherwise(rubbing, decision, moves, monkeypatch):
     p = replace(rubbing[1], warnings=[])
     asked, seen = [], []
