@@ -134,7 +134,7 @@ GATES = (
         "loud",
         "one joint's loss alone keeps a search going",
         ("LOUD",),
-        f"{COMPETITION}:only_noise",
+        f"{NULL}:Floor.loud",
         numbers(LOUD=INF),
     ),
     Gate(

@@ -20,11 +20,10 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.estimation.whitening import Whitener, usual_excess
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
-from mpge_jax.diagnosis.selection.competition import at_noise, loud
+from mpge_jax.diagnosis.selection.competition import at_noise, loud_in
 from mpge_jax.diagnosis.selection.criteria import needed, strength
 from mpge_jax.diagnosis.selection.given_masses import with_given
 from mpge_jax.diagnosis.selection.search_state import Search
-from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
@@ -80,9 +79,7 @@ def due(s: Search, current: Fitted) -> bool:
         return False
     if len(current.hypothesis.terms) == AFTER:
         return True
-    white = s.whiten_one(current, s.train, temper=False)
-    flat = white(s.sim.residuals([Run(current.hypothesis, current.theta)], s.train))[0]
-    return int(loud(white, flat, s.sim.model.nv).sum()) >= AFTER
+    return int(loud_in(s, current, s.train).sum()) >= AFTER
 
 
 def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:

@@ -15,9 +15,12 @@ from mpge_jax.diagnosis.evidence.scored import Scored, hopeful, with_simpler
 from mpge_jax.diagnosis.selection.remainder import remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
-from mpge_jax.diagnosis.thresholds import AT_NOISE, HOPELESS, LOUD, SETTLED, SEVERAL
+from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.thresholds import AT_NOISE, HOPELESS, SETTLED, SEVERAL
 
 Array = np.ndarray
+NOISE = Floor()
+"""What noise alone leaves where nothing is simulated: one, of all and of each."""
 KEEP, KEEP_OF_MANY = 7, 3
 """Candidates that are fitted properly after screening, and beside `MANY` terms."""
 
@@ -86,9 +89,16 @@ def only_noise(s: Search, base: Fitted, white: Whitener) -> bool:
     return outlying < SEVERAL
 
 
-def loud(white: Whitener, flat: Array, nv: int) -> Array:
+def loud(white: Whitener, flat: Array, nv: int, floor: Floor = NOISE) -> Array:
     """Degrees of freedom [nv] at which something may be missing, by whitened residuals [W, M]."""
-    return robust_loss(white.by_dof(flat, nv)).mean(0) > LOUD
+    return floor.loud(robust_loss(white.by_dof(flat, nv)).mean(0))
+
+
+def loud_in(s: Search, base: Fitted, w: Windows, floor: Floor = NOISE) -> Array:
+    """The same of windows, in units of the noise."""
+    white = s.whiten_one(base, w, temper=False)
+    flat = white(s.sim.residuals([Run(base.hypothesis, base.theta)], w))[0]
+    return loud(white, flat, s.sim.model.nv, floor)
 
 
 def at_floor(s: Search, base: Fitted) -> bool:
@@ -100,15 +110,7 @@ def at_floor(s: Search, base: Fitted) -> bool:
     floor = s.floor(base)
     if nominal and floor.loss < SETTLED:
         return False
-    return remainder(s, base, floor, thorough=False) is None and not _loud_at(s, base, floor).any()
-
-
-def _loud_at(s: Search, base: Fitted, floor: Floor) -> Array:
-    """Degrees of freedom [nv] at which training and held-out windows show far more than `floor`, where the mean over
-    all does not."""
-    loud = np.ones(s.sim.model.nv, bool)
-    for w in (s.train, s.held):
-        white = s.whiten_one(base, w, temper=False)
-        flat = white(s.sim.residuals([Run(base.hypothesis, base.theta)], w))[0]
-        loud &= floor.loud(robust_loss(white.by_dof(flat, s.sim.model.nv)).mean(0))
-    return loud
+    if remainder(s, base, floor, thorough=False) is not None:
+        return False
+    # nor at one joint more, which the mean over all does not show
+    return not (loud_in(s, base, s.train, floor) & loud_in(s, base, s.held, floor)).any()
