@@ -29,7 +29,7 @@ from mpge_jax.diagnosis.recordings.checks import (
     check_units,
     told_once,
 )
-from mpge_jax.diagnosis.recordings.command_lag import without_previous_commands
+from mpge_jax.diagnosis.recordings.late_rows import without_previous_commands
 from mpge_jax.diagnosis.recordings.noise_level import MIN_ROWS
 from mpge_jax.diagnosis.recordings.recording import Recording, rows_of, shown
 from mpge_jax.diagnosis.recordings.rows.clock_stamps import at_their_stamps

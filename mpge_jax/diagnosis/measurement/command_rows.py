@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss, whitener_beside
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
-from mpge_jax.diagnosis.recordings.command_lag import a_row_earlier
+from mpge_jax.diagnosis.recordings.late_rows import a_row_earlier
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows

@@ -3,13 +3,12 @@ have in common is clock or delay, which no log can tell apart; what one has besi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
-from mpge_jax.diagnosis.recordings.recording import Recording
 
 Array = np.ndarray
 LONGEST = 0.25
@@ -18,18 +17,12 @@ OVER = 0.01
 """Seconds on either side of a row, at least, over which its acceleration is taken."""
 ENOUGH, ROWS = 60, 4000
 """Rows that are needed, and rows that are used at most."""
-FEWEST_ROWS = 2
-"""Rows of the shortest log."""
 EXPLAINED = 0.2
 """Least share of the force that a command must explain beside position, velocity and friction."""
 SHARP = 20.0
 """Least fall of twice the log likelihood towards the best lag, from a row beside it."""
 ALIKE = 1.0
 """Rows within which lags of several actuators are one."""
-READ_SO = (
-    "each row of the log holds the command that was sent a row before (motion or measured force runs a row ahead of "
-    "the commands): commands were moved one row back."
-)
 NOT_TOLD = (
     "how late commands act all together cannot be told from it: a delay that all actuators have in common may be the "
     "clock's."
@@ -69,63 +62,61 @@ class Lag:
         return f"{what}. What all have in common is clock or delay: it was taken off, and is no actuator's effect."
 
 
-def without_previous_commands(
-    recordings: list[Recording], model: mujoco.MjModel
-) -> tuple[list[Recording], list[str]]:
-    """The same with every command on the row at which it was given, where each row holds that of the row before: the
-    motion then follows commands before they were sent, which no delay and no clock of a machine explains. And what was
-    done, for the user."""
-    told = 0
-    # where some have none, commands drive the machine in all
-    measured = all(r.force is not None for r in recordings)
-    for r in recordings:
-        force = r.force if measured else None
-        lag = None if r.ctrl is None else common_lag(r.time, r.qpos, r.qvel, r.ctrl, model, force)
-        if lag is not None and not -1.5 < lag.common / lag.step < -0.5:
-            return recordings, []
-        told += lag is not None
-    if 2 * told <= len(recordings):
-        return recordings, []
-    return [_read_so(r) for r in recordings], [READ_SO]
+@dataclass(frozen=True)
+class Driven:
+    """Forces of driven joints at some rows of a log, and what explains them beside commands.
+
+    Attributes:
+        rows: [R] rows, each taken with `s` on either side. step: s from row to row. beside: actuator to the basis
+            [R, 4] of position, velocity, friction and a constant. forces: actuator to [R].
+    """
+
+    rows: Array
+    s: int
+    step: float
+    beside: dict[int, Array]
+    forces: dict[int, Array]
+
+    @property
+    def independent(self) -> float:
+        """How many rows share none of theirs."""
+        return self.rows.size / (2 * self.s)
+
+    def mean(self, time: Array, command: Array, lag: float = 0.0) -> Array:
+        """[R] of a command [T] around the rows, `lag` s late."""
+        return _mean(time, _integral(time, command), self.rows, self.s, lag)
+
+    def left(self, a: int, x: Array) -> Array:
+        """[R] of the force of an actuator that a signal [R] does not explain beside the rest."""
+        return self._apart(a, self.forces[a] - self.gain(a, x) * x)
+
+    def gain(self, a: int, x: Array) -> float:
+        """Force of an actuator for a unit of a signal [R], beside the rest."""
+        x = self._apart(a, x)
+        size = float(x @ x)
+        return float(x @ self.forces[a]) / size if size > 0 else 0.0
+
+    def _apart(self, a: int, x: Array) -> Array:
+        """What the rest does not explain of a signal [R]."""
+        return x - self.beside[a] @ (self.beside[a].T @ x)
 
 
-def _read_so(r: Recording) -> Recording:
-    """Every row with the command of the next one. The last one goes, as its command was not logged, but from a log of
-    two rows, of which it tells where the first command led."""
-    moved = a_row_earlier(r, slice(None))
-    if r.ctrl is None or r.time.size <= FEWEST_ROWS:
-        return moved
-    keys = ("time", "qpos", "qvel", "ctrl", "force")
-    return replace(moved, **{k: v[:-1] for k in keys if (v := getattr(moved, k)) is not None})
-
-
-def a_row_earlier(r: Recording, actuators: slice | Array) -> Recording:
-    """The same with the commands of some actuators a row earlier, the last one repeated."""
-    if r.ctrl is None:
-        return r
-    ctrl = r.ctrl.copy()
-    ctrl[:-1, actuators] = r.ctrl[1:, actuators]
-    before = None if r.earlier is None else a_row_earlier(r.earlier, actuators)
-    return replace(r, ctrl=ctrl, earlier=before)
-
-
-def common_lag(
+def what_drives(
     time: Array,
     qpos: Array,
     qvel: Array | None,
     ctrl: Array,
     model: mujoco.MjModel,
     measured: Array | None = None,
-) -> Lag | None:
-    """The lag with which commands [T, nu] explain the forces of the actuators, or those that the motion needs; None
-    where they do not tell.
+) -> Driven | None:
+    """The forces of driven joints, measured or else by inverse dynamics of the model; None where these do not tell.
 
-    The force of each driven joint, measured or else by inverse dynamics of the model, is regressed on its command,
-    position, velocity, friction and a constant, for every lag. Accelerations are differences over some rows, and
-    commands are averaged over the same time, so that neither is late.
+    Accelerations are differences over some rows, and commands are averaged over the same time, so that neither is
+    late.
 
     Args:
-        time: [T] s. qpos: [T, nq]. qvel: [T, nv] or None. measured: [T, nu] forces of actuators, or None.
+        time: [T] s. qpos: [T, nq]. qvel: [T, nv] or None. ctrl: [T, nu]. measured: [T, nu] forces of actuators, or
+            None.
     """
     driven = [a for a in range(model.nu) if is_joint_transmission(model, a)]
     known = [] if measured is None else [a for a in driven if np.isfinite(measured[:, a]).all()]
@@ -141,18 +132,43 @@ def common_lag(
         return None
     qvel = None if qvel is None or np.isnan(qvel).any() else qvel
     v, acceleration = _motion(time, qpos, qvel, rows, s)
-    lags = np.arange(-LONGEST, LONGEST + 1e-9, max(step / 4, 1e-3))
     if measured is None:
         needed = _needed(model, qpos[rows], v, acceleration)
         forces = {a: needed[:, model.jnt_dofadr[joint]] for a, joint in joint_of.items()}
     else:
         forces = {a: _mean(time, _integral(time, measured[:, a]), rows, s, 0.0) for a in driven}
-    curves = {}
+    beside = {}
     for a, joint in joint_of.items():
         column = int(model.jnt_qposadr[joint])
-        speed = v[:, column if qvel is None else model.jnt_dofadr[joint]]
-        curve = _misfit(time, ctrl[:, a], forces[a], qpos[rows, column], speed, rows, s, lags)
-        if curve is not None and _is_sharp(curve, lags, step, rows.size / (2 * s)):
+        q, speed = qpos[rows, column], v[:, column if qvel is None else model.jnt_dofadr[joint]]
+        friction = np.tanh(speed / max(0.1 * float(np.std(speed)), 1e-9))
+        beside[a] = np.linalg.qr(np.stack([q, speed, friction, np.ones_like(q)], axis=1))[0]
+    return Driven(rows, s, step, beside, forces)
+
+
+def common_lag(
+    time: Array,
+    qpos: Array,
+    qvel: Array | None,
+    ctrl: Array,
+    model: mujoco.MjModel,
+    measured: Array | None = None,
+) -> Lag | None:
+    """The lag with which commands [T, nu] explain forces best; None where they do not tell. Arguments as of
+    `what_drives`."""
+    driven = what_drives(time, qpos, qvel, ctrl, model, measured)
+    return None if driven is None else lag_of(driven, time, ctrl)
+
+
+def lag_of(driven: Driven, time: Array, ctrl: Array) -> Lag | None:
+    """The lag with which commands [T, nu] explain the forces best: these are regressed on command, position, velocity,
+    friction and a constant, for every lag."""
+    step = driven.step
+    lags = np.arange(-LONGEST, LONGEST + 1e-9, max(step / 4, 1e-3))
+    curves = {}
+    for a in driven.forces:
+        curve = _misfit(driven, a, time, ctrl[:, a], lags)
+        if curve is not None and _is_sharp(curve, lags, step, driven.independent):
             curves[a] = curve
     if not curves:
         return None
@@ -196,22 +212,15 @@ def _needed(model: mujoco.MjModel, qpos: Array, qvel: Array, acceleration: Array
     return out
 
 
-def _misfit(
-    time: Array, command: Array, force: Array, q: Array, v: Array, rows: Array, s: int, lags: Array
-) -> Array | None:
+def _misfit(driven: Driven, a: int, time: Array, command: Array, lags: Array) -> Array | None:
     """Logarithm of the variance of the force that is left at each lag; None where the command explains too little."""
-    fixed = np.stack([q, v, np.tanh(v / max(0.1 * float(np.std(v)), 1e-9)), np.ones_like(q)], axis=1)
-    basis, _ = np.linalg.qr(fixed)
-    y = force - basis @ (basis.T @ force)
-    whole = float(y @ y)
+    force = driven.forces[a]
+    whole = float(np.sum(driven.left(a, np.zeros_like(force)) ** 2))
     if whole <= 1e-18 * max(float(force @ force), 1e-300):
         return None
-    left, total = np.empty(lags.size), _integral(time, command)
-    for i, lag in enumerate(lags):
-        x = _mean(time, total, rows, s, lag)
-        x = x - basis @ (basis.T @ x)
-        size = float(x @ x)
-        left[i] = whole - (float(x @ y) ** 2 / size if size > 0 else 0.0)
+    total = _integral(time, command)
+    means = (_mean(time, total, driven.rows, driven.s, lag) for lag in lags)
+    left = np.array([np.sum(driven.left(a, x) ** 2) for x in means])
     left = np.maximum(left, 1e-9 * whole)
     return None if left.min() > (1 - EXPLAINED) * whole else np.log(left)
 
