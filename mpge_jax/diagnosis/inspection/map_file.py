@@ -1,4 +1,4 @@
-"""A map to start from: every line that was recognised, and what is left to be said."""
+"""A map to start from: every line that was given or recognised, and what is left to be said."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.recordings.formats.tables import Column
 
 def map_text(overview: Overview, model: mujoco.MjModel, names: Names) -> str:
     """The file as YAML, which `column_map.load` reads."""
-    found = overview.joined.found if overview.joined else {}
+    found = overview.found
     lines = [
         "# Which column of the log is what. Correct it, and give it to the diagnosis with --map.",
         "# Entries: from, column (number or name), unit (deg, rad, mm, m, rpm, deg/s, ms, N m ...), scale, offset.",
@@ -29,7 +29,9 @@ def map_text(overview: Overview, model: mujoco.MjModel, names: Names) -> str:
         # a key that a map names is read from the map alone, so that none is named in part
         some = any(target in found for target in wanted)
         for target in wanted:
-            if target in found:
+            if target in overview.given:
+                lines.append(f"  {json.dumps(target)}: {json.dumps(overview.given[target])}")
+            elif target in found:
                 lines.append(f"  {json.dumps(target)}: {_entry(*found[target])}")
             else:
                 lines.append(f"  # {json.dumps(target)}: {{from: ?}}" + ("" if some else "  # not found"))
@@ -47,6 +49,8 @@ def _entry(column: Column, part: int) -> str:
 
 
 def _time(overview: Overview) -> Iterable[str]:
+    if "time" in overview.given:
+        return [f"  time: {json.dumps(overview.given['time'])}"]
     base = overview.joined.base if overview.joined else None
     if base is None or base.time is None:
         return ["  # time: {step: 0.02}  # seconds from row to row, where the log has no times"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import mujoco
@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.inspection.doubts import doubts
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.formats.plain import aliased_log
 from mpge_jax.diagnosis.recordings.formats.registry import format_of, read_logs
-from mpge_jax.diagnosis.recordings.formats.tables import Log, Table
+from mpge_jax.diagnosis.recordings.formats.tables import Column, Log, Table
 from mpge_jax.diagnosis.recordings.joining import Joined, join
 from mpge_jax.diagnosis.recordings.reader import mapped_keys, read_log, read_recording
 from mpge_jax.diagnosis.recordings.recording import Recording
@@ -66,6 +66,7 @@ class Overview:
 
     Attributes:
         joined: how it is read as the model's motion, or None where no positions were recognised.
+        given: what the map says, if there is one.
         recording: what a diagnosis would get, or None; then `problem` says why not.
         doubts: what looks wrong. notes: what reading did to it.
     """
@@ -77,6 +78,14 @@ class Overview:
     recording: Recording | None
     problem: str | None
     doubts: tuple[str, ...]
+    given: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def found(self) -> dict[str, tuple[Column, int]]:
+        """What stands where, by the map or recognised: `qpos:elbow` to the column that it is read from, and which of
+        its parts."""
+        mapped = {target: place for target, entry in self.given.items() if (place := _named(self.log, entry))}
+        return (self.joined.found if self.joined else {}) | mapped
 
     @property
     def notes(self) -> list[str]:
@@ -111,12 +120,31 @@ def overviews(
                 recording, problem = read_recording(path, model, names, columns), None
             except InputError as error:
                 problem = str(error)
-        seen = doubts(log, joined, recording, model, names)
+        seen, clocks = doubts(log, joined, recording, model, names), _clocks(log, recording, columns)
         name = found.name if found else path.suffix.lower().removeprefix(".")
-        out.append(
-            Overview(log, name, tuple(map(Clock.of, log.tables)), joined, recording, problem, tuple(seen))
-        )
+        out.append(Overview(log, name, clocks, joined, recording, problem, tuple(seen), columns))
     return out
+
+
+def _clocks(log: Log, recording: Recording | None, columns: Mapping[str, object]) -> tuple[Clock, ...]:
+    """Those of the tables, or the one that a map made of the rows of a lone one."""
+    if recording is not None and "time" in columns and len(log.tables) == 1:
+        return (Clock.of(replace(log.tables[0], time=recording.time, clock="the map's times")),)
+    return tuple(map(Clock.of, log.tables))
+
+
+def _named(log: Log, entry: object) -> tuple[Column, int] | None:
+    """The column of a log that an entry of a map names, and which of its parts."""
+    entry = entry if isinstance(entry, Mapping) else {"from": entry}
+    title, part = entry.get("from"), entry.get("column", 0)
+    for column in (c for table in log.tables for c in table.columns):
+        if column.titles is not None and title in column.titles:
+            return column, column.titles.index(title)
+        if column.title == title:
+            part = column.parts.index(part) if column.parts and part in column.parts else part
+            # what names no part of it is the reader's to tell
+            return (column, part) if isinstance(part, int) else None
+    return None
 
 
 def _plain(path: Path) -> list[Log]:

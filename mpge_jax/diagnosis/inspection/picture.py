@@ -59,7 +59,7 @@ def _panels(
 ) -> list[tuple[str, str, np.ndarray, list[np.ndarray]]]:
     """(title, what it is read as, time, lines) of each panel of a column."""
     time = np.arange(table.rows, dtype=float) if table.time is None else table.time - table.time[0]
-    found = overview.joined.found if overview.joined else {}
+    found = overview.found
     targets = {part: target for target, (c, part) in found.items() if c is column}
     n = column.values.shape[1]
     if n > TOGETHER and not targets:

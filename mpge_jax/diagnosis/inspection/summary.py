@@ -48,7 +48,7 @@ def _ms(seconds: float) -> str:
 
 def _columns(o: Overview) -> list[str]:
     """A line a column: what it holds, and what it is read as."""
-    found = o.joined.found if o.joined else {}
+    found = o.found
     read_as = {(id(c), i): target for target, (c, i) in found.items()}
     rows = [("column", "part", "least", "largest", "read as")]
     for table in o.log.tables:
@@ -73,7 +73,7 @@ def _column(c: Column, i: int) -> tuple[str, str, str, str]:
 
 def _not_found(o: Overview, names: Names) -> list[str]:
     """Joints and actuators of which nothing was found, by what was looked for."""
-    found, out = (o.joined.found if o.joined else {}), []
+    found, out = o.found, []
     for key, word in (
         ("qpos", "positions"),
         ("qvel", "velocities"),

@@ -85,6 +85,32 @@ def test_a_map_of_nothing_is_a_map_of_comments(tmp_path):
     assert "positions: none" in text and "cannot be diagnosed as it is: run.npz: there is no 'time'" in text
 
 
+def test_what_a_map_names_is_shown_as_found(tmp_path):
+    """A log that nothing is recognised in, in degrees and milliseconds."""
+    m = motion()
+    columns = {"t_ms": 1e3 * m["time"], "a": np.degrees(m["qpos"][:, 0]), "b": np.degrees(m["qpos"][:, 1])}
+    columns |= {"u": m["ctrl"][:, 0], "w": m["ctrl"][:, 1]}
+    path = tmp_path / "run.csv"
+    np.savetxt(
+        path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments=""
+    )
+    given = {"time": {"from": "t_ms", "unit": "ms"}, "qpos:shoulder": {"from": "a", "unit": "deg"}}
+    given |= {"qpos:elbow": {"from": "b", "unit": "deg"}, "ctrl:shoulder_motor": "u", "ctrl:elbow_servo": "w"}
+    (o,) = overviews(path, *_model(), given)
+    text = summary(o, _model()[1])
+    assert "60 rows in 0.59 s, 100 a second by the map's times, steps of 10 ms" in text
+    read_as = {line.split()[0]: line.split()[-1] for line in text.splitlines() if line.startswith("  ")}
+    assert [read_as[c] for c in columns] == [*given]
+    # of velocities and forces the log has none
+    assert "not found:\n  velocities: none\n  forces: none\n" in text
+    (tmp_path / "map.yaml").write_text(map_text(o, *_model()))
+    assert load(tmp_path / "map.yaml") == given
+    # a part of an array, by its number
+    (o,) = overviews(_npz(tmp_path / "run.npz"), *_model(), {"qpos:elbow": {"from": "ctrl", "column": 1}})
+    column, part = o.found["qpos:elbow"]
+    assert column.title == "ctrl" and part == 1
+
+
 def test_clocks_are_told(tmp_path):
     (o,) = overviews(LOGS["ros2"](tmp_path), *_model())
     text = summary(o, _model()[1])
