@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, arrivals,
 from mpge_jax.diagnosis.measurement.encoder_zeros import describe_zeros, other_zeros, with_zeros
 from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
 from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age
-from mpge_jax.diagnosis.recordings.late_rows import READ_SO
+from mpge_jax.diagnosis.recordings.late_rows import MOST, READ_SO
 from mpge_jax.diagnosis.selection.procedure import Decision
 
 
@@ -55,12 +55,20 @@ class MeasurementModel:
         return None if finer is self.at_rows else replace(self.given(found.fit), at_rows=finer)
 
     def with_moved_rows(self, found: Decision) -> MeasurementModel | None:
-        """With every command on the row before, where what was found predicts better so; else None."""
+        """With every command on the row before, or on one earlier, where what was found predicts better so; else
+        None."""
         nothing = not found.fit.hypothesis.terms and found.left is None
-        if nothing or READ_SO in self.at_rows.warnings or not rows_are_late(self.read(), found.fit):
+        if nothing or READ_SO in self.at_rows.warnings:
             return None
-        self.at_rows.warnings.append(READ_SO)
-        return replace(self, at_rows=with_earlier_commands(self.at_rows)).given(found.fit)
+        moved = self
+        for _ in range(MOST):
+            if not rows_are_late(moved.read(), found.fit):
+                break
+            moved = replace(moved, at_rows=with_earlier_commands(moved.at_rows))
+        if moved is self:
+            return None
+        moved.at_rows.warnings.append(READ_SO)
+        return moved.given(found.fit)
 
     def with_moved_clock(self, found: Decision) -> MeasurementModel | None:
         """With commands later by what all their delays have in common, where that may be their clock's; else None."""

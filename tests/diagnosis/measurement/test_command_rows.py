@@ -39,7 +39,7 @@ def flights() -> list[Recording]:
     return record(ROTORS, [3.0, 3.0], change=change)
 
 
-@pytest.mark.parametrize(("rows", "late"), [(1, True), (0, False), (-1, False)])
+@pytest.mark.parametrize(("rows", "late"), [(2, True), (1, True), (0, False), (-1, False)])
 def test_the_likelihood_tells_which_row_a_command_belongs_to(flights, rows, late):
     logs = moved(flights, rows)
     assert not without_previous_commands(logs, mujoco.MjModel.from_xml_string(ROTORS))[1]
@@ -53,8 +53,8 @@ def test_the_likelihood_tells_which_row_a_command_belongs_to(flights, rows, late
     if late:
         true = {r.name: r.ctrl for r in flights}
         for x in again.read().train:
-            rows_of = np.searchsorted(flights[0].time, x.recording.time[:-1] - 1e-9)
-            np.testing.assert_array_equal(x.command[:-1], true[x.recording.log][rows_of])
+            rows_of = np.searchsorted(flights[0].time, x.recording.time[:-rows] - 1e-9)
+            np.testing.assert_array_equal(x.command[:-rows], true[x.recording.log][rows_of])
 
 
 def test_where_nothing_is_missing_nobody_asks(flights):
