@@ -18,7 +18,9 @@ OVER = 0.01
 ENOUGH, ROWS = 60, 4000
 """Rows that are needed, and rows that are used at most."""
 EXPLAINED = 0.2
-"""Least share of the force that a command must explain beside position, velocity and friction."""
+"""Least share of a command that the force must explain beside position, velocity and friction."""
+LEAST, ALMOST_NONE, TINY = 1e-9, 1e-9, 1e-18
+"""Share of a command that counts as nothing left; size of a direction, and of a square, that counts as none."""
 SHARP = 20.0
 """Least fall of twice the log likelihood towards the best lag, from a row beside it."""
 ALIKE = 1.0
@@ -64,18 +66,19 @@ class Lag:
 
 @dataclass(frozen=True)
 class Driven:
-    """Forces of driven joints at some rows of a log, and what explains them beside commands.
+    """Some rows of a log, and what explains commands there.
 
     Attributes:
-        rows: [R] rows, each taken with `s` on either side. step: s from row to row. beside: actuator to the basis
-            [R, 4] of position, velocity, friction and a constant. forces: actuator to [R].
+        rows: [R] rows, each taken with `s` on either side. step: s from row to row. motion: actuator to an orthonormal
+            basis [R, m] of position, velocity, friction and a constant. force: the same with the joint's force beside,
+            and with accelerations, where it is by the model.
     """
 
     rows: Array
     s: int
     step: float
-    beside: dict[int, Array]
-    forces: dict[int, Array]
+    motion: dict[int, Array]
+    force: dict[int, Array]
 
     @property
     def independent(self) -> float:
@@ -87,18 +90,17 @@ class Driven:
         return _mean(time, _integral(time, command), self.rows, self.s, lag)
 
     def left(self, a: int, x: Array) -> Array:
-        """[R] of the force of an actuator that a signal [R] does not explain beside the rest."""
-        return self._apart(a, self.forces[a] - self.gain(a, x) * x)
+        """[R] of an actuator's command that motion and force do not explain."""
+        return _apart(self.force[a], x)
 
-    def gain(self, a: int, x: Array) -> float:
-        """Force of an actuator for a unit of a signal [R], beside the rest."""
-        x = self._apart(a, x)
-        size = float(x @ x)
-        return float(x @ self.forces[a]) / size if size > 0 else 0.0
+    def share_left(self, a: int, x: Array) -> float:
+        """Share that this is of what motion alone does not explain."""
+        alone = float(np.sum(_apart(self.motion[a], x) ** 2))
+        return float(np.sum(self.left(a, x) ** 2)) / alone if alone > TINY * float(x @ x) else 1.0
 
-    def _apart(self, a: int, x: Array) -> Array:
-        """What the rest does not explain of a signal [R]."""
-        return x - self.beside[a] @ (self.beside[a].T @ x)
+
+def _apart(basis: Array, x: Array) -> Array:
+    return x - basis @ (basis.T @ x)
 
 
 def what_drives(
@@ -132,18 +134,27 @@ def what_drives(
         return None
     qvel = None if qvel is None or np.isnan(qvel).any() else qvel
     v, acceleration = _motion(time, qpos, qvel, rows, s)
-    if measured is None:
-        needed = _needed(model, qpos[rows], v, acceleration)
-        forces = {a: needed[:, model.jnt_dofadr[joint]] for a, joint in joint_of.items()}
-    else:
-        forces = {a: _mean(time, _integral(time, measured[:, a]), rows, s, 0.0) for a in driven}
-    beside = {}
+    needed = _needed(model, qpos[rows], v, acceleration) if measured is None else None
+    motion, force = {}, {}
     for a, joint in joint_of.items():
-        column = int(model.jnt_qposadr[joint])
-        q, speed = qpos[rows, column], v[:, column if qvel is None else model.jnt_dofadr[joint]]
+        column, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+        q, speed = qpos[rows, column], v[:, column if qvel is None else dof]
         friction = np.tanh(speed / max(0.1 * float(np.std(speed)), 1e-9))
-        beside[a] = np.linalg.qr(np.stack([q, speed, friction, np.ones_like(q)], axis=1))[0]
-    return Driven(rows, s, step, beside, forces)
+        moves = [q, speed, friction, np.ones_like(q)]
+        if needed is None:
+            felt = [_mean(time, _integral(time, measured[:, a]), rows, s, 0.0)]
+        else:
+            # inertia that the model lacks would pass for another lag of smooth commands
+            felt = [needed[:, dof], *acceleration.T]
+        motion[a], force[a] = _basis(moves), _basis(moves + felt)
+    return Driven(rows, s, step, motion, force)
+
+
+def _basis(columns: list[Array]) -> Array:
+    """An orthonormal basis [R, m] of some columns [R], as many as differ."""
+    x = np.stack([c / max(float(np.linalg.norm(c)), 1e-300) for c in columns], axis=1)
+    u, size, _ = np.linalg.svd(x, full_matrices=False)
+    return u[:, size > ALMOST_NONE * size[0]]
 
 
 def common_lag(
@@ -161,12 +172,12 @@ def common_lag(
 
 
 def lag_of(driven: Driven, time: Array, ctrl: Array) -> Lag | None:
-    """The lag with which commands [T, nu] explain the forces best: these are regressed on command, position, velocity,
-    friction and a constant, for every lag."""
+    """The lag at which forces explain the commands [T, nu] best: these are regressed on force, position, velocity,
+    friction and a constant, and on accelerations where the force is by the model, for every lag."""
     step = driven.step
     lags = np.arange(-LONGEST, LONGEST + 1e-9, max(step / 4, 1e-3))
     curves = {}
-    for a in driven.forces:
+    for a in driven.force:
         curve = _misfit(driven, a, time, ctrl[:, a], lags)
         if curve is not None and _is_sharp(curve, lags, step, driven.independent):
             curves[a] = curve
@@ -213,16 +224,11 @@ def _needed(model: mujoco.MjModel, qpos: Array, qvel: Array, acceleration: Array
 
 
 def _misfit(driven: Driven, a: int, time: Array, command: Array, lags: Array) -> Array | None:
-    """Logarithm of the variance of the force that is left at each lag; None where the command explains too little."""
-    force = driven.forces[a]
-    whole = float(np.sum(driven.left(a, np.zeros_like(force)) ** 2))
-    if whole <= 1e-18 * max(float(force @ force), 1e-300):
-        return None
+    """Logarithm of the share of a command that is left at each lag; None where the force explains too little of it."""
     total = _integral(time, command)
     means = (_mean(time, total, driven.rows, driven.s, lag) for lag in lags)
-    left = np.array([np.sum(driven.left(a, x) ** 2) for x in means])
-    left = np.maximum(left, 1e-9 * whole)
-    return None if left.min() > (1 - EXPLAINED) * whole else np.log(left)
+    left = np.array([driven.share_left(a, x) for x in means])
+    return None if left.min() > 1 - EXPLAINED else np.log(np.maximum(left, LEAST))
 
 
 def _integral(time: Array, held: Array) -> Array:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.recordings.command_lag import ALIKE, SHARP, Driven, Lag, lag_of, what_drives
+from mpge_jax.diagnosis.recordings.command_lag import ALIKE, LEAST, SHARP, Driven, Lag, lag_of, what_drives
 from mpge_jax.diagnosis.recordings.recording import Recording
 
 Array = np.ndarray
@@ -17,7 +17,7 @@ MOST = 3
 """Rows by which a command is looked for at most."""
 FEWEST_ROWS = 2
 """Rows of the shortest log."""
-ROUNDS, TINY = 5, 1e-300
+ROUNDS = 5
 READ_SO = (
     "rows of the log hold the command that was sent a row before, or earlier (motion or measured force runs ahead of "
     "the commands): commands were moved back."
@@ -83,47 +83,43 @@ def _rows_before(r: Recording, model: mujoco.MjModel, measured: bool) -> Array |
         return None
     if not 0.5 * lag.step < -lag.common < (MOST + 0.5) * lag.step:
         return np.zeros(r.time.size, int)
-    shifts = _Shifts(driven, r, lag)
-    each = [shifts.misfit(np.full(driven.rows.size, k)) for k in range(MOST + 1)]
-    k = shifts.likeliest(np.full(driven.rows.size, int(np.argmin(each))))
+    k = _Shifts(driven, r, lag).likeliest()
     return k[np.searchsorted(driven.rows, np.arange(r.time.size)).clip(max=k.size - 1)]
 
 
 class _Shifts:
-    """The forces of a log's joints beside commands that moved by some rows; of actuators that act later than the others
-    no more is known than that they do."""
+    """A log's commands, moved by some rows, beside the forces of its joints; of actuators that act later than the
+    others no more is known than that they do."""
 
     def __init__(self, driven: Driven, r: Recording, lag: Lag) -> None:
         self.driven, self.at = driven, np.arange(driven.rows.size)
         rows, ctrl = np.arange(r.time.size), r.ctrl
         assert ctrl is not None
-        self.means = {}
+        self.means, self.late = {}, {}
         for a in (a for a, own in lag.each.items() if own - lag.common <= ALIKE * lag.step):
             moved = (ctrl[np.minimum(rows + k, rows.size - 1), a] for k in range(MOST + 1))
             self.means[a] = np.array([driven.mean(r.time, command) for command in moved])
+            self.late[a] = driven.mean(r.time, ctrl[:, a], lag.common)
 
-    def misfit(self, k: Array) -> float:
-        """Minus twice the log likelihood of the forces where commands moved by `k` rows [R] explain them."""
-        left = [np.sum(self.driven.left(a, x[k, self.at]) ** 2) for a, x in self.means.items()]
-        return self.driven.independent * float(np.sum(np.log(np.maximum(left, TINY))))
-
-    def likeliest(self, k: Array) -> Array:
-        """Rows [R] by which commands moved, by turns with what a command does, from `k` on."""
+    def likeliest(self) -> Array:
+        """Rows [R] by which commands moved, by turns with what a command does, from that of the mean lag on."""
+        k = _least_changing(self._costs(self.late))
         for _ in range(ROUNDS):
-            new = _least_changing(self._costs(k) / (2 * self.driven.s))
+            new = _least_changing(self._costs({a: x[k, self.at] for a, x in self.means.items()}))
             if np.array_equal(new, k):
                 break
             k = new
         return k
 
-    def _costs(self, k: Array) -> Array:
-        """Squares [MOST + 1, R] that each shift leaves, in units of what is left, by the law that `k` shows."""
-        costs = np.zeros((MOST + 1, k.size))
-        for a, x in self.means.items():
-            now = x[k, self.at]
+    def _costs(self, commands: dict[int, Array]) -> Array:
+        """Twice the log likelihood [MOST + 1, R] that each shift lacks at each row, by the law that `commands` [R]
+        show."""
+        costs = np.zeros((MOST + 1, self.at.size))
+        for a, now in commands.items():
             left = self.driven.left(a, now)
-            costs += (left + self.driven.gain(a, now) * (now - x)) ** 2 / max(float(np.mean(left**2)), TINY)
-        return costs
+            size = max(float(np.mean(left**2)), LEAST * float(np.mean(now**2)))
+            costs += (left + self.means[a] - now) ** 2 / size
+        return costs / (2 * self.driven.s)
 
 
 def _least_changing(cost: Array) -> Array:

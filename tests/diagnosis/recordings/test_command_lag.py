@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.command_lag import LONGEST, Lag, common_lag
 from mpge_jax.diagnosis.recordings.formats.tables import Column, Log, Table
 from mpge_jax.diagnosis.recordings.reader import read_log
-from tests.diagnosis.machines import ARM, excitation
+from tests.diagnosis.machines import ARM, excitation, record
 
 RATE, SECONDS = 100, 4.0
 SENT = np.arange(0, SECONDS, 0.01) + 0.0013
@@ -103,6 +103,27 @@ def test_what_differs_is_left_to_the_actuators():
     )
     assert "not alike" not in Lag(0.03, {0: 0.03, 1: 0.035}, 0.01).told(ACTUATORS)
     assert "before their stamps" in Lag(-0.03, {0: -0.03}, 0.01).told(ACTUATORS)
+
+
+SERVOS = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body>
+<joint name="shoulder" axis="0 1 0" damping=".05" armature=".006"/>
+<geom type="capsule" fromto="0 0 0 .12 0 0" size=".015" mass=".2"/>
+<body name="hand" pos=".12 0 0"><joint name="wrist" axis="0 1 0" damping=".03" armature=".004"/>
+<geom type="capsule" fromto="0 0 0 .1 0 0" size=".015" mass=".11"/></body></body></worldbody>
+<actuator><position joint="shoulder" kp="14" kv=".5"/><position joint="wrist" kp="6" kv=".2"/></actuator></mujoco>"""
+
+
+def test_inertia_that_is_missing_is_no_lag():
+    """Smooth commands and a hand that is three times as heavy as the model says."""
+
+    def heavier(model):
+        model.body_mass[2] += 0.3
+        model.body_inertia[2] += [3e-5, 2.7e-3, 2.7e-3]
+
+    for r in record(SERVOS, [0.9, 0.9], change=heavier, seconds=8.0, rate=60, count=10)[::3]:
+        lag = common_lag(r.time, r.qpos, None, r.ctrl, mujoco.MjModel.from_xml_string(SERVOS))
+        assert list(lag.each) == [0, 1]
+        np.testing.assert_allclose(list(lag.each.values()), 0.0, atol=0.2 * lag.step)
 
 
 def test_commands_that_explain_nothing_tell_nothing():

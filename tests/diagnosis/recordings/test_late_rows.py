@@ -84,7 +84,7 @@ def test_what_one_actuator_is_late_by_is_its_own(runs, own):
 def test_an_actuator_that_is_late_and_seen_clearly_outvotes_none(runs):
     late, rng = [], np.random.default_rng(0)
     for r in runs:
-        noise = 1e-4 * rng.standard_normal(r.time.size)
+        noise = 3e-5 * rng.standard_normal(r.time.size)
         r = replace(r, ctrl=r.ctrl.copy(), qpos=r.qpos + np.stack([noise, 0 * noise], axis=1))
         r.ctrl[:-2, 1] = r.ctrl[2:, 1].copy()
         late.append(r)
