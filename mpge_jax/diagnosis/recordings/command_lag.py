@@ -134,14 +134,14 @@ def what_drives(
         return None
     qvel = None if qvel is None or np.isnan(qvel).any() else qvel
     v, acceleration = _motion(time, qpos, qvel, rows, s)
-    needed = _needed(model, qpos[rows], v, acceleration) if measured is None else None
+    needed = _needed(model, qpos[rows], v, acceleration) if measured is None else np.empty((rows.size, 0))
     motion, force = {}, {}
     for a, joint in joint_of.items():
         column, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
         q, speed = qpos[rows, column], v[:, column if qvel is None else dof]
         friction = np.tanh(speed / max(0.1 * float(np.std(speed)), 1e-9))
         moves = [q, speed, friction, np.ones_like(q)]
-        if needed is None:
+        if measured is not None:
             felt = [_mean(time, _integral(time, measured[:, a]), rows, s, 0.0)]
         else:
             # inertia that the model lacks would pass for another lag of smooth commands
