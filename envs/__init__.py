@@ -20,7 +20,7 @@ from envs.registry import (
     register,
     source_of,
 )
-from envs.select import select
+from envs.select import finite_or, select
 from envs.types import Engine, State, Task, Variant
 from envs.wrappers import AutoReset, Environment, Wrapper
 
@@ -49,6 +49,7 @@ __all__ = [
     "as_playground",
     "build_model",
     "engine_of",
+    "finite_or",
     "home_of",
     "make",
     "names",

@@ -77,6 +77,8 @@ class Env:
     def step(self, state: State, action: jax.Array, charged: jax.Array | None = None) -> State:
         """One step under `action [A]`, clipped to the action box. `done` is `terminated` or `truncated`.
 
+        A simulation that diverges ends its episode, with reward 0 and an observation that is not finite.
+
         The reward charges the action as the variant changes it, before it is clipped (as Gymnasium's tasks do), or
         `charged [A]` where given: a control cost that belongs to what an agent asked for, whatever became of it.
 
@@ -102,7 +104,9 @@ class Env:
         reward, metrics = self.task.reward(state.data, action if charged is None else charged, data, self.dt)
         obs = self.task.observe(data)
         steps = state.info["steps"] + 1
-        terminated = (self.task.terminated(data) | ~jnp.all(jnp.isfinite(obs))).astype(obs.dtype)
+        lost = ~jnp.all(jnp.isfinite(obs))
+        reward = jnp.where(lost | ~jnp.isfinite(reward), 0.0, reward).astype(reward.dtype)
+        terminated = (self.task.terminated(data) | lost).astype(obs.dtype)
         truncated = (steps >= self.max_steps).astype(obs.dtype)
         info = {
             **info,

@@ -1,4 +1,4 @@
-"""Picking between two states, copy by copy."""
+"""Picking between two states, or rows, copy by copy."""
 
 import dataclasses
 from typing import Any
@@ -29,6 +29,12 @@ def select(mask: jax.Array, new: Any, old: Any) -> Any:
         return jnp.where(mask.reshape(mask.shape + (1,) * (jnp.ndim(new) - mask.ndim)), new, old)
 
     return jax.tree.map(pick, new, old, is_leaf=_is_mjx_data)
+
+
+def finite_or(new: jax.Array, old: jax.Array) -> jax.Array:
+    """Rows of `new [*L, O]` whose numbers are all finite; `old`'s of the others, as a simulation that diverged led
+    nowhere, and one row that is not finite spoils whatever learns from it."""
+    return jnp.where(jnp.isfinite(new).all(axis=-1, keepdims=True), new, old)
 
 
 def _is_mjx_data(node: Any) -> bool:

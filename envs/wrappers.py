@@ -5,7 +5,7 @@ from typing import Any, Protocol
 import jax
 import numpy as np
 
-from envs.select import select
+from envs.select import finite_or, select
 from envs.types import State
 
 
@@ -43,7 +43,7 @@ class AutoReset(Wrapper):
     """Starts a fresh episode in the same call where one ends.
 
     `obs` is then the new episode's first observation; `info["next_obs"]` stays the observation that the step truly led
-    to, and `reward`, `done`, `metrics`, `info["terminated"]`, `info["truncated"]` stay those of that step.
+    to (the one before it where the simulation diverged, so that what is learned from stays finite), and `reward`, `done`, `metrics`, `info["terminated"]`, `info["truncated"]` stay those of that step.
     """
 
     def reset(self, key: jax.Array) -> State:
@@ -58,7 +58,8 @@ class AutoReset(Wrapper):
         key, key_reset = jax.random.split(info.pop("key"))
         after = self._env.step(state.replace(info=info), action)
         first = self._env.reset(key_reset)
-        kept = {name: after.info[name] for name in ("terminated", "truncated", "next_obs")}
+        kept = {name: after.info[name] for name in ("terminated", "truncated")}
+        kept["next_obs"] = finite_or(after.info["next_obs"], state.obs)
         begun = (first.data, first.obs, first.info)
         data, obs, info = select(after.done > 0, begun, (after.data, after.obs, after.info))
         return after.replace(data=data, obs=obs, info={**info, **kept, "key": key})

@@ -12,6 +12,7 @@ action size.
 """
 
 import types
+from functools import partial
 
 import flax.struct
 import jax
@@ -109,7 +110,7 @@ def init(
         ),
         env_state=starts[0],
         rollout_policy=starts[1],
-        expected=jax.vmap(jax.vmap(env.predict))(log.observation, log.action)
+        expected=jax.vmap(partial(collect.expected_next, env))(log.observation, log.action)
         if config.needs_expected
         else None,
         key=key,

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from envs import Env, State, select
+from envs import Env, State, finite_or, select
 from mpge_jax.grounding import transformer
 from mpge_jax.grounding.config import GroundingConfig
 from mpge_jax.grounding.discriminator import Transitions
@@ -73,7 +73,7 @@ def collect(
         obs = env_state.obs
         asking = obs, jax.random.split(key_act, config.num_envs)
         action = grouped.apply(ask, policies.params, asking, which)
-        expected = jax.vmap(env.predict)(obs, action) if config.needs_expected else None
+        expected = expected_next(env, obs, action) if config.needs_expected else None
         # A branch is a copy of the whole row of simulators; the first is the one that goes on.
         before, at, asked, asker, expected = jax.tree.map(
             lambda x: jnp.broadcast_to(x, (config.branches, *x.shape)),
@@ -82,7 +82,7 @@ def collect(
         delta, log_prob = transformer.sample(pi_g, key_delta, at, asked)
         executed = transformer.transform(delta, asked, low, high)
         reached = jax.vmap(jax.vmap(env.step))(before, executed)
-        row = Rows(at, asked, reached.info["next_obs"], delta, log_prob, asker, expected)
+        row = Rows(at, asked, finite_or(reached.info["next_obs"], at), delta, log_prob, asker, expected)
         after = jax.tree.map(lambda x: x[0], reached)
         ended = after.done > 0
         if config.restart_steps:
@@ -98,6 +98,11 @@ def collect(
     keys = jax.random.split(key, config.steps_per_iteration)
     begun, rows = jax.lax.scan(body, begun, keys)
     return begun, jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), rows)
+
+
+def expected_next(env: Env, obs: Float[Array, "B O"], action: Float[Array, "B A"]) -> Float[Array, "B O"]:
+    """The simulator's own next observations, without a transformer; where one diverges, `obs`."""
+    return finite_or(jax.vmap(env.predict)(obs, action), obs)
 
 
 def start(

@@ -24,10 +24,14 @@ Truth = Callable[[Float[Array, " A"]], Float[Array, " A"]]
 
 
 def truth_of(target: Env) -> Truth | None:
-    """The change `action [A] -> action [A]` that makes the source move as `target`, or None where no action does."""
-    if target.variant is None or target.variant.action is None:
+    """The change `action [A] -> action [A]` that makes the source move as `target`, or None where no action does: a
+    target that changes more than actions has none."""
+    variant = target.variant
+    if variant is None or variant.action is None:
         return None
-    change = target.variant.action
+    if variant.spec is not None or variant.total_mass is not None or variant.delay:
+        return None
+    change = variant.action
     return lambda action: change(action, jnp.asarray(target.action_low), jnp.asarray(target.action_high))
 
 

@@ -107,7 +107,7 @@ def test_copies_do_not_touch_each_other(name, backend):
         assert_same(lost.obs, after.obs, others)
         assert_same(lost.reward, after.reward, others)
         # What is lost stays lost, for all to see, and ends its episode.
-        assert np.isnan(lost.obs[1]).any()
+        assert np.isnan(lost.obs[1]).any() and lost.reward[1] == 0
         assert_same(lost.done, [0.0, 1.0, 0.0, 0.0])
         again = case.step(lost, actions)
         assert np.isnan(again.obs[1]).any() and np.isfinite(np.asarray(again.obs)[others]).all()

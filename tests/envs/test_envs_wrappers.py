@@ -86,6 +86,19 @@ def test_auto_reset_scans(falling):
     assert np.abs(angle).max() <= 0.2
 
 
+def test_what_is_learned_from_stays_finite(falling):
+    """A copy that diverges, of two: its row ends the episode where it was, and the other's is untouched."""
+    env, _, before, _, _, _ = falling
+    two = jax.tree.map(lambda x: x[:2], before)
+    qvel = two.data.qvel.at[0].set(jnp.nan)
+    after = jax.vmap(env.step)(two.replace(data=two.data.replace(qvel=qvel)), jnp.zeros((2, 1)))
+    np.testing.assert_array_equal(after.info["next_obs"][0], two.obs[0])
+    np.testing.assert_array_equal(after.info["terminated"], [1, 0])
+    assert after.reward[0] == 0 and after.reward[1] == 1
+    assert np.isfinite(after.obs).all() and np.any(after.obs[0] != two.obs[0])
+    np.testing.assert_array_equal(after.info["next_obs"][1], after.obs[1])
+
+
 def test_attributes_pass_through(falling):
     env = falling[0]
     assert (env.name, env.observation_size, env.action_size, env.max_steps) == (

@@ -67,6 +67,28 @@ def restarted():
     return collected(dataclasses.replace(CONFIG, restart_steps=3))
 
 
+def test_a_simulator_that_diverges_leaves_a_row_that_can_be_learned_from():
+    """Its row leads nowhere, and it starts anew; the others go on."""
+    env, log = small.env(SOURCE), small.log(log_std=-18.0)
+    config = dataclasses.replace(CONFIG, steps_per_iteration=1, value_minibatch=8)
+
+    @jax.jit
+    def run(key):
+        state = adversarial.init(key, env, small.policy_set(log_std=-18.0).rollout, log, config)
+        lost = state.env_state.data.replace(qvel=state.env_state.data.qvel.at[0].set(jnp.nan))
+        begun = state.env_state.replace(data=lost), state.rollout_policy
+        after, rows = collect.collect(
+            key, state.current, begun, env, small.policy_set(log_std=-18.0).rollout, log, config
+        )
+        return after[0], rows, collect.expected_next(env, jnp.full((1, 4), jnp.inf), jnp.zeros((1, 1)))
+
+    after, rows, expected = run(jax.random.key(0))
+    np.testing.assert_array_equal(rows.next_observation[0], rows.observation[0])
+    assert np.any(rows.next_observation[1] != rows.observation[1])
+    np.testing.assert_array_equal(after.info["steps"], [0, *[1] * 7])
+    assert np.isfinite(after.obs).all() and np.isinf(expected).all()
+
+
 @pytest.mark.parametrize("mode", ["episodes", "restarted"])
 def test_a_row_is_state_raw_action_and_where_the_transformed_action_led(mode, request):
     _, rows = request.getfixturevalue(mode)

@@ -1,5 +1,8 @@
 """The action-transformation error, against values by hand."""
 
+import dataclasses
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +15,12 @@ from tests import small
 @pytest.mark.parametrize("name", ["InvertedPendulum", "HalfCheetah", "HeavyCheetah"])
 def test_a_target_that_no_change_of_actions_explains_has_no_truth(name):
     assert transform_error.truth_of(small.env(name)) is None
+
+
+@pytest.mark.parametrize("more", [{"spec": lambda spec: None}, {"total_mass": 9.0}, {"delay": 1}])
+def test_nor_has_one_that_changes_actions_and_more(more):
+    variant = dataclasses.replace(small.env("BrokenCheetah").variant, **more)
+    assert transform_error.truth_of(SimpleNamespace(variant=variant)) is None
 
 
 def test_the_truth_is_what_the_target_does_to_an_action():
