@@ -107,6 +107,22 @@ class SweepFolder:
         else:
             files.write_text(record, json.dumps({"identity": identity, "versions": versions()}, indent=1))
 
+    def check_inputs(self, inputs: dict[str, int]) -> None:
+        """Records what cells start from, by its name and checksum.
+
+        Raises:
+          ValueError: cells before started from something else.
+        """
+        file = self.path / "inputs.json"
+        before = json.loads(file.read_text()) if file.is_file() else {}
+        changed = [what for what, checksum in inputs.items() if before.get(what, checksum) != checksum]
+        if changed:
+            raise ValueError(
+                f"changed since the sweep in {self.path} began: {', '.join(changed)}; choose another --out"
+            )
+        if not inputs.keys() <= before.keys():
+            files.write_text(file, json.dumps({**before, **inputs}, indent=1))
+
     def cell(self, method: str, samples: int) -> Path:
         """Where a cell keeps its files."""
         return self.path / "cells" / f"{method}-{samples}"

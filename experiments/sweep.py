@@ -25,6 +25,7 @@ from envs import own_tasks
 from envs.variants import HIDDEN, PAPER
 from experiments import methods, report, runners
 from experiments.ending import exit_status
+from experiments.inputs import inputs_of
 from experiments.methods import METHODS, Cell, LogFiles, logged
 from experiments.presets import PRESETS, Preset
 from experiments.storage import SweepFolder, plain
@@ -215,6 +216,7 @@ def sweep(args: Args) -> int:
     runners.check(args.options)
     folder = SweepFolder(out, identity)
     with files.held(out):
+        folder.check_inputs(inputs_of(cells))
         return _run(args, cells, preset, folder)
 
 

@@ -57,7 +57,7 @@ def told(files: LogFiles, task: str) -> list[str]:
 
 
 def fingerprint(files: LogFiles) -> dict[str, Any]:
-    """What tells a log from another: the contents of its files."""
+    """What tells a log from another: the contents of its files, and of those that say how to read them."""
 
     def contents(path: Path) -> int:
         total = 0
@@ -69,7 +69,8 @@ def fingerprint(files: LogFiles) -> dict[str, Any]:
         return total
 
     one = {name: contents(p) for name, p in (("model", files.model), ("map", files.map)) if p is not None}
-    return {"recordings": [contents(path) for path in files.paths], **one}
+    readers = {"readers": [contents(path) for path in files.readers]} if files.readers else {}
+    return {"recordings": [contents(path) for path in files.paths], **one, **readers}
 
 
 def checked_samples(asked: Iterable[int], available: int) -> list[int]:

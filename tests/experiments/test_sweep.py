@@ -148,6 +148,30 @@ def test_a_folder_of_another_sweep_is_refused_and_kept(monkeypatch, capsys, tmp_
     assert tree_of(tmp_path) == before and len(faked) == cells
 
 
+def test_other_policies_than_cells_before_started_from_are_refused(monkeypatch, capsys, tmp_path, faked):
+    """The sets of the user's own: another set of the same name would mix two experiments, and read a log that is not
+    its own."""
+    sets = tmp_path / "sets"
+    sets.mkdir()
+    for kind in ("MS", "ER"):
+        (sets / kind).write_text(kind)
+    monkeypatch.setattr(policies, "shipped_path", lambda task, kind, coefficient=0.1: sets / kind)
+    out, given = tmp_path / "out", ("--preset", "tiny", "--out", tmp_path / "out")
+    assert run(monkeypatch, *given, "--method", "direct") == 0
+    assert list(json.loads((out / "inputs.json").read_text())) == ["the MS policies of InvertedPendulum"]
+    # a set that no cell started from yet may change
+    (sets / "ER").write_text("anew")
+    assert run(monkeypatch, *given, "--method", "direct", "MPG-ER", "--samples", 40) == 0
+    before, cells = tree_of(out), len(faked)
+    (sets / "MS").write_text("anew")
+    assert run(monkeypatch, *given, "--method", "direct", "SPG", "--samples", 40) == 2
+    assert (
+        f"changed since the sweep in {out} began: the MS policies of InvertedPendulum; choose"
+        in capsys.readouterr().err
+    )
+    assert tree_of(out) == before and len(faked) == cells
+
+
 @pytest.mark.parametrize("record", ["", "{", "[]", '{"identity": 3}', '{"versions": {}}'])
 def test_a_damaged_record_is_refused_and_kept(monkeypatch, capsys, tmp_path, faked, record):
     (tmp_path / "sweep.json").write_text(record)
