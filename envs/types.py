@@ -47,7 +47,8 @@ class Task:
       reward: `(data before, action [A], data after, dt in s) -> (reward [], metrics)`.
       terminated: `data -> bool []`. A state that is not finite ends the episode whatever this says.
       to_state: `obs [O] -> (qpos [nq], qvel [nv])`, the inverse of `observe` up to coordinates that move nothing
-        (a free root position is set to 0); None where an observation does not determine the state.
+        (a free root position is set to 0), and to what it cuts off (Hopper's velocities beyond 10); None where an
+        observation does not determine the state.
       total_mass: scale all masses and inertias to this total in kg, or leave them (None).
       max_steps: time limit of an episode in environment steps.
 

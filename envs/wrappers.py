@@ -42,8 +42,9 @@ class Wrapper:
 class AutoReset(Wrapper):
     """Starts a fresh episode in the same call where one ends.
 
-    `obs` is then the new episode's first observation; `info["next_obs"]` stays the observation that the step truly led
-    to (the one before it where the simulation diverged, so that what is learned from stays finite), and `reward`, `done`, `metrics`, `info["terminated"]`, `info["truncated"]` stay those of that step.
+    `obs` is then the new episode's first observation; `info["next_obs"]` stays the observation that the step truly
+    led to (the one before it where the simulation diverged, so that what is learned from stays finite), and
+    `reward`, `done`, `metrics`, `info["terminated"]`, `info["truncated"]` stay those of that step.
     """
 
     def reset(self, key: jax.Array) -> State:

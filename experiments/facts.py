@@ -231,8 +231,8 @@ ALWAYS = (
         "as the release",
     ),
     (
-        "each of the N transformers, and each experiment, has its own logs, keys and transformers on one metered "
-        "budget; the release shares transformers between experiments, and gives each its own ER set",
+        "each experiment has a log of its own on one metered budget, which its N transformers share, and keys and "
+        "transformers of its own; the release shares transformers between experiments, and gives each its own ER set",
         "neither: stricter",
     ),
     (

@@ -237,6 +237,9 @@ def main(args: Args) -> None:
     name = envs.plain_name(args.task)
     if name in envs.names() and envs.source_of(name) != name:
         raise ValueError(f"{name} is a target; policies are trained in its source, {envs.source_of(name)}")
+    for what, number in (("--count", args.count), ("--updates", args.updates)):
+        if number is not None and number < 1:
+            raise ValueError(f"{what} must be at least 1, got {number}")
     print(CONFIGS.get(name, OTHER))
     folder, path = (Path("runs") if args.out is None else args.out) / "pretrain", _set_path(args, args.kind)
     with files.held(folder):

@@ -48,9 +48,16 @@ def record(cell: Cell, method: Method, target: envs.Env, sets: PolicySet, folder
 
 
 def sets_of(cell: Cell, method: Method, source: str) -> PolicySet:
-    """The policies of each seed, every leaf `[S, K, ...]`: seed i has those from number i on, in a circle."""
-    full = policy_set(source, method.kind, cell.preset)
-    rotation = [
-        [(seed + k) % full.size for k in range(rollout_policies(cell, method))] for seed in cell.seeds
-    ]
+    """The policies of each seed, every leaf `[S, K, ...]`: seed i has those from number i on, in a circle.
+
+    Raises:
+      ValueError: the set has fewer than K.
+    """
+    full, wanted = policy_set(source, method.kind, cell.preset), rollout_policies(cell, method)
+    if full.size < wanted:
+        raise ValueError(
+            f"the {method.kind} set of {source} has {full.size} policies, and preset {cell.preset.name} records with "
+            f"{wanted}; train as many with `python -m experiments.pretrain --count {wanted}`"
+        )
+    rotation = [[(seed + k) % full.size for k in range(wanted)] for seed in cell.seeds]
     return jax.tree.map(lambda *x: jnp.stack(x), *(full.select(indices) for indices in rotation))

@@ -72,7 +72,7 @@ class TrackingEnv:
         self.name = f"{env.name} following a log"
         self.observation_size = env.observation_size + env.action_size
         self.action_size = env.action_size
-        self.action_high = np.asarray(env.action_high)
+        self.action_high = (np.asarray(env.action_high) - np.asarray(env.action_low)) / 2
         self.action_low = -self.action_high
         self.max_steps = config.horizon
 

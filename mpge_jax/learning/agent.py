@@ -10,6 +10,7 @@ from typing import Any, Literal
 import flax.struct
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from envs import AutoReset, Environment, State, select
@@ -105,9 +106,9 @@ def init(
     """
     key_learner, key_reset, key_random, key = jax.random.split(key, 4)
     if learner is None:
-        learner = sac.init(
-            key_learner, env.observation_size, env.action_size, jnp.asarray(env.action_high), config.sac
-        )
+        low, high = np.asarray(env.action_low), np.asarray(env.action_high)
+        sizes = env.observation_size, env.action_size
+        learner = sac.init(key_learner, *sizes, (high - low) / 2, config.sac, (high + low) / 2)
     env_state = jax.vmap(AutoReset(env).reset)(jax.random.split(key_reset, config.num_envs))
     zeros = jnp.zeros(config.num_envs)
     state = AgentState(

@@ -86,11 +86,13 @@ class Actor(struct.PyTreeNode):
 
     Attributes:
       params: of the network `obs -> (mean, log_std)`.
-      action_scale: half the width of the action box; actions are `tanh(.) * action_scale`.
+      action_scale, action_middle: half the width of the action box, and its middle; actions are
+        `action_middle + tanh(.) * action_scale`.
     """
 
     params: Any
     action_scale: Float[Array, "*n A"]
+    action_middle: Float[Array, "*n A"]
 
     @property
     def hidden(self) -> tuple[int, ...]:
@@ -133,23 +135,29 @@ def init(
     action_size: int,
     action_scale: Float[ArrayLike, " A"],
     config: SACConfig,
+    action_middle: Float[ArrayLike, " A"] | None = None,
 ) -> SACState:
     """Fresh networks and optimisers. `key` is consumed.
 
     Args:
       key: seeds the networks.
       obs_size, action_size: `O` and `A`.
-      action_scale: the upper end of a symmetric action box.
+      action_scale: half the width of the action box.
       config: hyperparameters.
+      action_middle: the middle of the action box; 0 by default.
 
     Raises:
-      ValueError: `action_scale` is not `[A]`.
+      ValueError: `action_scale` or `action_middle` is not `[A]`.
     """
     scale = jnp.asarray(action_scale, jnp.float32)
-    if scale.shape != (action_size,):
-        raise ValueError(f"action_scale must have shape ({action_size},), got {scale.shape}")
+    middle = jnp.zeros_like(scale) if action_middle is None else jnp.asarray(action_middle, jnp.float32)
+    for name, given in (("action_scale", scale), ("action_middle", middle)):
+        if given.shape != (action_size,):
+            raise ValueError(f"{name} must have shape ({action_size},), got {given.shape}")
     actor_params, critic = _init_networks(key, obs_size, action_size, config)
-    return warm_start(Actor(actor_params, scale), critic, jnp.log(jnp.float32(config.init_alpha)), config)
+    return warm_start(
+        Actor(actor_params, scale, middle), critic, jnp.log(jnp.float32(config.init_alpha)), config
+    )
 
 
 def warm_start(actor: Actor, critic: Any, log_alpha: Float[Array, ""], config: SACConfig) -> SACState:
@@ -196,7 +204,8 @@ def distribution(
 
 
 def _scaled(actor: Actor, squashed: Float[Array, "*n A"]) -> Float[Array, "*n A"]:
-    return squashed * jnp.broadcast_to(actor.action_scale, squashed.shape)
+    middle, scale = (jnp.broadcast_to(x, squashed.shape) for x in (actor.action_middle, actor.action_scale))
+    return middle + squashed * scale
 
 
 def act(actor: Actor, obs: Float[Array, "*n O"], key: PRNGKeyArray | None = None) -> Float[Array, "*n A"]:

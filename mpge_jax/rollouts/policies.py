@@ -113,6 +113,7 @@ def save(path: Path | str, policies: PolicySet, about: dict[str, Any]) -> None:
         "about": np.array(json.dumps(about)),
         "log_alpha": np.asarray(policies.log_alpha, np.float32),
         "action_scale": np.asarray(policies.actor.action_scale, np.float32),
+        "action_middle": np.asarray(policies.actor.action_middle, np.float32),
     }
     files.write_npz(path, {**named, **arrays})
 
@@ -133,10 +134,12 @@ def load(path: Path | str) -> tuple[PolicySet, dict[str, Any]]:
         arrays = files.read_npz(path)
         about = json.loads(str(arrays.pop("about")))
         log_alpha, scale = arrays.pop("log_alpha"), arrays.pop("action_scale")
+        # sets of before boxes could have their middle elsewhere
+        middle = arrays.pop("action_middle", np.zeros_like(scale))
         nested = flax.traverse_util.unflatten_dict(
             {name: jnp.asarray(value, jnp.float32) for name, value in arrays.items()}, sep="/"
         )
-        actor = Actor(nested["actor"], jnp.asarray(scale))
+        actor = Actor(nested["actor"], jnp.asarray(scale), jnp.asarray(middle))
         loaded = PolicySet(actor, nested["critic"], jnp.asarray(log_alpha))
         if {x.shape[0] for x in jax.tree.leaves(loaded)} != {loaded.size}:
             raise ValueError("its arrays do not belong to one number of policies")
@@ -154,6 +157,7 @@ def save_checkpoint(folder: Path | str, policies: PolicySet) -> None:
     tree = {
         "actor": policies.actor.params,
         "action_scale": policies.actor.action_scale,
+        "action_middle": policies.actor.action_middle,
         "critic": policies.critic,
         "log_alpha": policies.log_alpha,
     }
@@ -174,7 +178,8 @@ def load_checkpoint(folder: Path | str) -> PolicySet:
     try:
         with ocp.StandardCheckpointer() as checkpointer:
             tree = checkpointer.restore(folder.absolute())
-        actor = Actor(tree["actor"], tree["action_scale"])
+        scale = tree["action_scale"]
+        actor = Actor(tree["actor"], scale, tree.get("action_middle", np.zeros_like(scale)))
         loaded = jax.tree.map(jnp.asarray, PolicySet(actor, tree["critic"], tree["log_alpha"]))
         if {x.shape[0] for x in jax.tree.leaves(loaded)} != {loaded.size}:
             raise ValueError("its arrays do not belong to one number of policies")

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.machine.model import actuators_of_joint, is_joint_transmission, load_spec, names_of
+from mpge_jax.diagnosis.machine.model import actuators_of_joint, is_joint_transmission, load_spec
 
 SECONDS = 0.02
 """Of one step of the policy, or a physics step where that is longer."""
@@ -71,14 +71,8 @@ def robot_of(path: Path, out: Path, name: str | None = None) -> Robot:
     base = _base(m)
     added = {}
     for a in range(m.nu):
-        low, high = m.actuator_ctrlrange[a] if m.actuator_ctrllimited[a] else (r := _range(m, a))
         if not m.actuator_ctrllimited[a]:
-            added[a] = r
-        if not low < high or high <= 0:
-            raise ValueError(
-                f"{path}: actuator {names_of(m).actuators[a]} has the ctrlrange {low:g} {high:g}; policies act within "
-                "plus and minus its upper end, which must be above 0"
-            )
+            added[a] = _range(m, a)
     scalar = np.isin(m.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
     joints = [
         int(m.jnt_qposadr[j]) for j in np.flatnonzero(scalar) if int(m.jnt_qposadr[j]) not in base.values()

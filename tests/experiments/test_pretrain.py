@@ -100,29 +100,38 @@ def test_er_policies_are_rewarded_for_the_entropy_of_those_before_them(monkeypat
     earlier = small.policy_set(size=3)
     args = pretrain.Args(task="InvertedPendulum", kind="ER", count=3, entropy_coefficient=0.5)
     monkeypatch.setattr(pretrain.policies, "load", lambda path: (earlier, {}))
-    begun = []
+    seen = []
 
-    def stop_at_once(update, state, iterations, **options):
-        begun.append(state)
+    def one_iteration(update, state, iterations, **options):
+        state, _ = update(state)
+        seen.append(np.asarray(state.agents.buffer.rows)[0])
         return state, {}
 
-    monkeypatch.setattr(pretrain.loop, "run", stop_at_once)
+    monkeypatch.setattr(pretrain.loop, "run", one_iteration)
     config = dataclasses.replace(CONFIG, sac=small.SAC)
     keys = jax.random.split(jax.random.key(0), 3)
     sequence = pretrain._train_er(args, small.env("InvertedPendulum"), config, keys, 1, tmp_path)
     assert sequence.size == 3
     # Policies 1 and 2; the first is the MS set's first, and has been trained without a bonus.
-    assert len(begun) == 2
+    assert len(seen) == 2
     jax.tree.map(np.testing.assert_array_equal, sequence.select([0]), earlier.select([0]))
     rest = 0.5 * (1.0 + np.log(2.0 * np.pi))
-    first = np.asarray(begun[0].agents.buffer.rows)[0, :8, 5]
+    # 8 random steps, and those of an iteration.
+    first = seen[0][:16, 5]
     # The spread of the set's first policy is exp(-1) everywhere.
     np.testing.assert_allclose(first, 1.0 + 0.5 * (-1.0 + rest), rtol=1e-5)
-    rows = np.asarray(begun[1].agents.buffer.rows)[0, :8]
+    rows = seen[1][:16]
     own = jax.vmap(sac.policy_entropy, (None, 0))(
         jax.tree.map(lambda x: x[1], sequence.actor), jnp.asarray(rows[:, :4])
     )
     np.testing.assert_allclose(rows[:, 5], 1.0 + 0.25 * (-1.0 + rest + np.asarray(own)), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("option", "message"), [("count", "--count"), ("updates", "--updates")])
+def test_no_policies_and_no_training_are_refused(tmp_path, option, message):
+    with pytest.raises(ValueError, match=f"{message} must be at least 1, got 0"):
+        pretrain.main(pretrain.Args(out=tmp_path, **{option: 0}))
+    assert not list(tmp_path.iterdir())
 
 
 def test_sets_of_different_coefficients_are_different_files():

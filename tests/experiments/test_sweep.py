@@ -20,6 +20,7 @@ from experiments import methods, sweep
 from experiments.methods import METHODS, Outcome, recording, training
 from experiments.presets import PRESETS
 from mpge_jax import files
+from mpge_jax.learning import agent
 from mpge_jax.rollouts import policies, target_log
 from tests import small
 from tests.experiments.tiny import TINY
@@ -303,6 +304,26 @@ def test_seeds_rotate_the_policies_and_methods_of_one_set_share_their_log():
     # Adding a seed leaves the results of the others as they are.
     more = dataclasses.replace(cell, seeds=(0, 1, 2))
     np.testing.assert_array_equal(data(more.keys("agent"))[:2], data(cell.keys("agent")))
+
+
+def test_a_set_of_fewer_policies_than_record_is_refused(monkeypatch):
+    monkeypatch.setattr(policies, "shipped", lambda *_: (small.policy_set(size=1), {}))
+    cell = methods.Cell("SkewedPendulum", "MPG-MS", 100, (0, 1), TINY, "c", "mujoco")
+    with pytest.raises(ValueError, match="has 1 policies, and preset tiny records with 2; train as many"):
+        recording.sets_of(cell, METHODS["MPG-MS"], "InvertedPendulum")
+    assert recording.sets_of(cell, METHODS["SPG"], "InvertedPendulum").log_alpha.shape == (2, 1)
+
+
+def test_agents_are_judged_as_they_explore_and_by_their_mode():
+    cell = methods.Cell("SkewedPendulum", "direct", 0, (0, 1), TINY, "c", "mujoco")
+    agents, target = small.policy_set(size=2, log_std=0.5), small.env("SkewedPendulum")
+    found = training.evaluate(cell, target, agents)
+    judge = jax.jit(jax.vmap(agent.evaluate, (0, None, 0, None, None)), static_argnums=(1, 3, 4))
+    for name, stochastic in (("return_stochastic", True), ("return_deterministic", False)):
+        keys = cell.keys(f"evaluation {name}")
+        wanted = judge(keys, target, agents.actor, TINY.episodes, stochastic)
+        np.testing.assert_array_equal(found[name], wanted)
+    assert np.any(found["return_stochastic"] != found["return_deterministic"])
 
 
 def assert_complete(folder, expected):

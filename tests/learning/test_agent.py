@@ -87,6 +87,16 @@ def test_random_steps_fill_whole_rounds_of_all_environments(trained):
     assert np.abs(action).max() > 1.2
 
 
+def test_a_policy_acts_in_the_whole_box_wherever_its_middle_is():
+    env = Counting()
+    env.action_low, env.action_high = np.array([-3.0], np.float32), np.array([-1.0], np.float32)
+    actor = agent.init(jax.random.key(0), env, CONFIG).learner.actor
+    action = sac.act(actor, jnp.zeros((2000, 2)), jax.random.key(1))
+    assert -3.0 <= action.min() < -2.9 and -1.1 < action.max() <= -1.0
+    # the mode of a fresh policy is near the middle
+    np.testing.assert_allclose(sac.act(actor, jnp.zeros(2)), -2.0, atol=0.1)
+
+
 def test_the_buffer_holds_true_next_observations_and_terminations(trained):
     obs, _, reward, following, terminated = columns(trained[1].buffer)
     np.testing.assert_array_equal(following[:, 0], obs[:, 0] + 1)

@@ -32,7 +32,7 @@ def dense(*layers: tuple[list, list]) -> dict:
 
 def tiny_state(log_alpha: float = 0.0) -> sac.SACState:
     """One hidden unit: mean = relu(s) / 2, log_std = -1; Q1 = 2 relu(s + a) + 1, Q2 = 3 relu(s + a) - 1."""
-    actor = Actor(dense(([[1.0]], [0.0]), ([[0.5, 0.0]], [0.0, -1.0])), jnp.array([2.0]))
+    actor = Actor(dense(([[1.0]], [0.0]), ([[0.5, 0.0]], [0.0, -1.0])), jnp.array([2.0]), jnp.array([0.0]))
     q1 = dense(([[1.0], [1.0]], [0.0]), ([[2.0]], [1.0]))
     q2 = dense(([[1.0], [1.0]], [0.0]), ([[3.0]], [-1.0]))
     critic = jax.tree.map(lambda *x: jnp.stack(x), q1, q2)

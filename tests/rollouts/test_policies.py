@@ -59,7 +59,7 @@ def test_files_keep_half_precision_and_no_pickle(tmp_path):
     with np.load(path, allow_pickle=False) as file:
         kinds = {name: file[name].dtype for name in file.files}
     assert kinds.pop("about").kind == "U"
-    assert kinds.pop("log_alpha") == kinds.pop("action_scale") == np.float32
+    assert kinds.pop("log_alpha") == kinds.pop("action_scale") == kinds.pop("action_middle") == np.float32
     assert set(kinds.values()) == {np.dtype(np.float16)}
     loaded, about = policies.load(path)
     assert about == {"task": "InvertedPendulum", "returns": [1.5]}
@@ -71,6 +71,19 @@ def test_files_keep_half_precision_and_no_pickle(tmp_path):
     )
     np.testing.assert_array_equal(loaded.log_alpha, small.policy_set().log_alpha)
     assert [p.name for p in path.parent.iterdir()] == ["set.npz"]
+
+
+def test_the_middle_of_the_action_box_is_kept_and_0_in_older_files(tmp_path):
+    made = small.policy_set()
+    middle = jnp.full_like(made.actor.action_middle, 0.3)
+    made = made.replace(actor=made.actor.replace(action_middle=middle))
+    policies.save(tmp_path / "set.npz", made, {})
+    policies.save_checkpoint(tmp_path / "set", made)
+    for loaded in (policies.load(tmp_path / "set.npz")[0], policies.load_checkpoint(tmp_path / "set")):
+        np.testing.assert_array_equal(loaded.actor.action_middle, middle)
+    with np.load(tmp_path / "set.npz") as file:
+        np.savez(tmp_path / "old.npz", **{n: file[n] for n in file.files if n != "action_middle"})
+    np.testing.assert_array_equal(policies.load(tmp_path / "old.npz")[0].actor.action_middle, 0 * middle)
 
 
 def rewritten(path, **changes):

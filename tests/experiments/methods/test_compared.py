@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.methods import METHODS
+from experiments.methods import METHODS, corrected_reward, training
 from experiments.methods.randomised import RANGES
 from mpge_jax.grounding.delta_action import delta
 from mpge_jax.learning import sac
@@ -43,6 +43,32 @@ def test_delta_follows_the_log_of_its_seed_then_trains_behind_what_it_learned(tm
     assert np.abs(added).max() > 1e-3
     wanted = small.step_from("InvertedPendulum", observation, np.clip(action + added, -3.0, 3.0))
     np.testing.assert_allclose(reached, wanted, atol=2e-5)
+
+
+def test_darc_corrects_by_logged_transitions_after_a_tenth_of_the_updates(tmp_path, monkeypatch):
+    log = small.stacked(small.log(size=2))
+    handed = []
+
+    def iterate(state, env, log, valid, config, classifiers, warm_up):
+        handed.append(warm_up)
+        return state, {"log": log, "valid": valid}
+
+    def run_once(update, state, iterations, **options):
+        handed.append(update(state)[1])
+        return state, {}
+
+    monkeypatch.setattr(corrected_reward.darc, "iterate", iterate)
+    monkeypatch.setattr(training.loop, "run", run_once)
+    given = work("DARC", tmp_path, logs=log)
+    METHODS["DARC"].work(given)
+    warm_up, metrics = handed
+    assert warm_up == round(0.1 * TINY.tasks["InvertedPendulum"].agent_updates)
+    rows = jax.tree.map(lambda x: np.asarray(x)[0, :40], metrics["log"])
+    np.testing.assert_array_equal(metrics["valid"], [40])
+    logged = jax.tree.map(lambda x: x[0], log).rows()
+    np.testing.assert_array_equal(rows.obs, logged["observation"])
+    np.testing.assert_array_equal(rows.action, logged["action"])
+    np.testing.assert_array_equal(rows.next_obs, logged["next_observation"])
 
 
 def test_darc_trains_in_the_simulator_from_the_source_policy(tmp_path, begun):
