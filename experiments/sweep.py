@@ -83,12 +83,14 @@ class CellJob:
       folder: of the sweep.
       identity: what all its cells share.
       quiet: no progress bars.
+      threads: of a diagnosis.
     """
 
     cell: Cell
     folder: Path
     identity: dict[str, Any]
     quiet: bool
+    threads: int
 
 
 def _check(value: str, known: Sequence[str], option: str) -> str:
@@ -242,7 +244,10 @@ def _run(args: Args, cells: list[Cell], preset: Preset, folder: SweepFolder) -> 
     whole = out.resolve()
     jobs = [
         runners.Job(
-            name, run_cell, CellJob(cell, whole, folder.identity, quiet), folder.result(*_key(cell)).resolve()
+            name,
+            run_cell,
+            CellJob(cell, whole, folder.identity, quiet, args.options.threads),
+            folder.result(*_key(cell)).resolve(),
         )
         for name, cell in by_name.items()
     ]
@@ -281,7 +286,7 @@ def run_cell(given: CellJob) -> None:
     cell, folder = given.cell, SweepFolder(given.folder, given.identity)
     # what an interrupted run had taken is not known
     resumed = {"resumed": True} if folder.begun(*_key(cell)) else {}
-    outcome = methods.run(cell, folder.cell(*_key(cell)), given.quiet)
+    outcome = methods.run(cell, folder.cell(*_key(cell)), given.quiet, given.threads)
     spent = {"seconds": time.monotonic() - started, "grounding_seconds": outcome.grounding_seconds}
     share = {name: round(value / len(outcome.rows), 1) for name, value in spent.items()}
     rows = [{**row, **share, **resumed} for row in outcome.rows]

@@ -99,6 +99,7 @@ class Work:
       quiet: no progress bars.
       behaviour: what acted in a recorded log, every leaf `[S, K, ...]`; None where the policies of `sets` did.
       held_out: transitions of a recorded log that nothing is learned from; for reporting only.
+      threads: that a diagnosis may take.
     """
 
     cell: Cell
@@ -112,6 +113,7 @@ class Work:
     quiet: bool = False
     behaviour: RolloutPolicies | None = None
     held_out: HeldOut | None = None
+    threads: int = 1
 
     @property
     def live_target(self) -> envs.Env:

@@ -5,7 +5,6 @@ named part) the agent trains in the plain simulator, and the seed's row says so:
 """
 
 import json
-import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -86,7 +85,7 @@ def _diagnosis(work: Work) -> dict[str, Any]:
     d = diagnose(
         _nominal(work),
         recordings_of(log, work.source.name),
-        Config(quiet=True, jobs=os.cpu_count() or 1),
+        Config(quiet=True, jobs=work.threads),
         progress=search,
     )
     found = {"verdict": d.verdict, "effects": d.effects()["effects"], "seconds": round(d.seconds, 1)}

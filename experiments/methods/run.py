@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 import envs
+from envs.c_engine import cores
 from experiments.methods import logged, recording, training
 from experiments.methods.cell import Cell, Outcome, Trained, Work
 from experiments.methods.registry import METHODS
@@ -17,17 +18,18 @@ POLICY = "policy"
 """Folder of the agents that were trained for a target that only a log tells of."""
 
 
-def run(cell: Cell, folder: Path, quiet: bool = False) -> Outcome:
-    """Runs a cell; what it needs to be resumed is kept in `folder`."""
+def run(cell: Cell, folder: Path, quiet: bool = False, threads: int | None = None) -> Outcome:
+    """Runs a cell; what it needs to be resumed is kept in `folder`. `threads`: of a diagnosis; all cores by default."""
+    threads = cores() if threads is None else threads
     method = METHODS[cell.method]
     source = envs.make(envs.source_of(cell.task), cell.backend, cell.dynamics)
     sets = recording.sets_of(cell, method, source.name)
     if cell.files is not None:
-        return _from_log(cell, source, sets, folder, quiet)
+        return _from_log(cell, source, sets, folder, quiet, threads)
     target = envs.make(cell.task, cell.backend, cell.dynamics)
     logs = recording.record(cell, method, target, sets, folder) if method.samples == "log" else None
     truth = transform_error.truth_of(target)
-    made = method.work(Work(cell, method, source, target, sets, logs, folder, truth, quiet))
+    made = method.work(Work(cell, method, source, target, sets, logs, folder, truth, quiet, threads=threads))
     agents = policies.from_learners(made.learners)
     returns = training.evaluate(cell, target, agents)
     measured = [
@@ -40,13 +42,15 @@ def run(cell: Cell, folder: Path, quiet: bool = False) -> Outcome:
     return Outcome(_rows(cell, made, measured), made.seconds, made.curve, made.transformers, agents)
 
 
-def _from_log(cell: Cell, source: envs.Env, sets: PolicySet, folder: Path, quiet: bool) -> Outcome:
+def _from_log(
+    cell: Cell, source: envs.Env, sets: PolicySet, folder: Path, quiet: bool, threads: int
+) -> Outcome:
     """A cell whose target is known by a recorded log alone: no return, but what the simulator predicts of the log."""
     assert cell.files is not None
     method = METHODS[cell.method]
     logs, acted = logged.part_of(cell, method, source.name)
     judges = logged.held_out(logged.read(cell.files, source.name).held)
-    work = Work(cell, method, source, None, sets, logs, folder, quiet=quiet, behaviour=acted, held_out=judges)
+    work = Work(cell, method, source, None, sets, logs, folder, None, quiet, acted, judges, threads)
     given = logged.prediction_error(work, lambda rows: prediction.error_under(source, rows, rows.action))
     made = method.work(work)
     agents = policies.from_learners(made.learners)

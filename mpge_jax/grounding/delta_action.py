@@ -89,7 +89,8 @@ class TrackingEnv:
     def step(self, state: State, action: jax.Array) -> State:
         """Plays the logged action plus `action [A]`, clipped to the simulator's box.
 
-        Where the logged episode or the horizon ends, the episode is truncated; where it loses track, terminated.
+        Where the horizon ends, the episode is truncated; where it loses track, or the logged episode ends, terminated:
+        nothing logged follows, that a value could be of.
         """
         rows, row = self._rows, state.info["row"]
         logged = rows.action[row]
@@ -102,10 +103,10 @@ class TrackingEnv:
         lost = ~(error < self._config.lost)
         reward = jnp.where(lost, 0.0, jnp.exp(-error)) - self._config.penalty * size
         steps = state.info["steps"] + 1
-        over = rows.last[row] | (steps >= self.max_steps)
+        over = lost | rows.last[row]
         following = jnp.where(rows.last[row], row, row + 1)
         obs = jnp.concatenate([reached, rows.action[following]])
-        terminated, truncated = lost.astype(kind), (over & ~lost).astype(kind)
+        terminated, truncated = over.astype(kind), (~over & (steps >= self.max_steps)).astype(kind)
         info = {
             "terminated": terminated,
             "truncated": truncated,

@@ -106,9 +106,10 @@ def init(
     """
     key_learner, key_reset, key_random, key = jax.random.split(key, 4)
     if learner is None:
-        low, high = np.asarray(env.action_low), np.asarray(env.action_high)
+        ends = np.asarray(env.action_low), np.asarray(env.action_high)
         sizes = env.observation_size, env.action_size
-        learner = sac.init(key_learner, *sizes, (high - low) / 2, config.sac, (high + low) / 2)
+        scale, middle = (ends[1] - ends[0]) / 2, (ends[1] + ends[0]) / 2
+        learner = sac.init(key_learner, *sizes, scale, config.sac, middle)
     env_state = jax.vmap(AutoReset(env).reset)(jax.random.split(key_reset, config.num_envs))
     zeros = jnp.zeros(config.num_envs)
     state = AgentState(

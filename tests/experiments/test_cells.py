@@ -35,7 +35,7 @@ def test_seconds_of_a_cell_are_shared_by_its_seeds(monkeypatch, tmp_path):
     clock = itertools.count(0.0, 30.0)
     monkeypatch.setattr(sweep, "time", SimpleNamespace(monotonic=lambda: next(clock)))
 
-    def run(cell, folder, quiet):
+    def run(cell, folder, quiet, threads):
         rows = [
             {
                 "task": cell.task, "method": cell.method, "samples": cell.samples, "seed": seed, "target_steps": 0,

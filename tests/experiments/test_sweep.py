@@ -71,13 +71,19 @@ def outcome(cell: methods.Cell, value: float = 250.0, agents=None) -> Outcome:
     return Outcome(rows, 0.0, curve, None, agents or small.policy_set())
 
 
+given_threads: list[int] = []
+"""Of the cells that `faked` ran."""
+
+
 @pytest.fixture
 def faked(monkeypatch, tiny):
     """Cells that cost nothing; the list of those that ran. `SPG` fails as long as `broken` is in the list."""
     ran = []
+    given_threads.clear()
 
-    def fake(cell, folder, quiet):
+    def fake(cell, folder, quiet, threads):
         ran.append((cell.method, cell.samples))
+        given_threads.append(threads)
         if cell.method == "SPG" and "broken" in ran:
             raise FloatingPointError("the simulation diverged\nand here are a thousand lines of XLA")
         return outcome(cell)
@@ -208,6 +214,12 @@ def test_a_full_disk_and_a_folder_that_cannot_be_written_are_one_sentence(
     # Where there is room again, it goes on.
     assert run(monkeypatch, *command, tmp_path / "out") == 0
     assert json.loads((tmp_path / "out" / "results.json").read_text())["rows"]
+
+
+def test_cells_share_the_cores_between_them(monkeypatch, tmp_path, faked):
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    run(monkeypatch, "--preset", "tiny", "--method", "direct", "--out", tmp_path)
+    assert given_threads == [8]
 
 
 def test_an_empty_folder_and_one_of_a_sweep_killed_at_once_are_used(monkeypatch, tmp_path, faked):
@@ -401,7 +413,7 @@ def faked_main(out: str) -> int:
     sys.argv += ["--out", out]
     PRESETS["tiny"] = TINY
 
-    def fake(cell, folder, quiet):
+    def fake(cell, folder, quiet, threads):
         time.sleep(0.05)
         return outcome(cell, agents=agents)
 

@@ -48,7 +48,22 @@ def test_the_right_delta_follows_and_another_is_paid_less():
     for _ in range(4):
         assert not np.any(right.done * (1 - rows.last[state.info["row"]]))
         state, right = right, step(right, jnp.full((16, 1), SHIFT))
-    assert np.all(right.done == 1) and not np.any(right.info["terminated"])
+    assert np.all(right.done == 1)
+    np.testing.assert_array_equal(right.info["terminated"], rows.last[state.info["row"]])
+
+
+def test_where_the_log_ends_nothing_follows():
+    """At its last row no next action was logged, so no value of one may be asked for; at the horizon it may."""
+    rows = trajectories(log_of(SHIFT))
+    last = int(np.flatnonzero(np.asarray(rows.last))[0])
+    env = TrackingEnv(point(), rows, DeltaConfig(horizon=1))
+    state = env.reset(jax.random.key(0))
+    for row, ends in ((last, (1.0, 0.0)), (last - 1, (0.0, 1.0))):
+        inner = point().state_from_obs(rows.observation[row])
+        at = state.replace(data=inner, info={**state.info, "row": jnp.asarray(row)})
+        after = env.step(at, jnp.array([SHIFT]))
+        assert (float(after.info["terminated"]), float(after.info["truncated"])) == ends
+        assert float(after.reward) > 0.9
 
 
 def test_a_lost_trajectory_ends_without_reward():
@@ -83,7 +98,8 @@ def test_the_simulator_with_delta_executes_the_sum_and_charges_what_was_asked():
     kernel = jnp.zeros((inputs, 8))
     first = {"kernel": kernel, "bias": jnp.zeros(8)}
     last = {"kernel": jnp.zeros((8, 12)), "bias": jnp.arctanh(jnp.array([0.25] * 6 + [0.0] * 6))}
-    model = actor.replace(params={"params": {"Dense_0": first, "Dense_1": last}}, action_scale=jnp.ones(6))
+    network = {"params": {"Dense_0": first, "Dense_1": last}}
+    model = actor.replace(params=network, action_scale=jnp.ones(6), action_middle=jnp.zeros(6))
     env = DeltaEnv(plain, model)
     state, action = plain.reset(jax.random.key(0)), jnp.array([0.9, -0.5, 0.0, 0.1, -0.9, 0.3])
     after = env.step(env.reset(jax.random.key(0)), action)

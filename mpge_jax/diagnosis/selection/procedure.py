@@ -55,6 +55,8 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
     c = p.config
     f, rivals = _settle(s, *search(s))
     noise, left = what_is_left(p, f, s)
+    if left is None and f.hypothesis.terms:
+        left = _left_of_longer_windows(p, s, f, say)
     looked = s
     if left is not None or not f.hypothesis.terms:
         reached = f
@@ -130,6 +132,20 @@ def what_is_left(p: Prepared, f: Fitted, *searches: Search) -> tuple[Floor, Rema
         if left is not None:
             break
     return noise, left
+
+
+def _left_of_longer_windows(
+    p: Prepared, s: Search, f: Fitted, say: Callable[[str], None]
+) -> Remainder | None:
+    """What `f` leaves of windows of the reported length, where that is more than noise: what is slight adds up in
+    them."""
+    stride = s.sim.stride
+    longer = build_search(p, say, p.config.report_s)
+    few = min(longer.train.count, longer.held.count) < ENOUGH_WINDOWS
+    left = None if few or longer.train.steps <= s.train.steps else what_is_left(p, f, longer)[1]
+    s.log += longer.log
+    s.sim.stride = stride
+    return left
 
 
 def _on_longer_windows(

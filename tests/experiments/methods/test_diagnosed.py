@@ -58,6 +58,20 @@ def test_a_diagnosis_corrects_the_simulator_of_its_seed_and_falls_back_visibly(t
     assert len(diagnoses) == 2 and again.extra == made.extra
 
 
+def test_a_diagnosis_takes_the_threads_that_its_cell_has(monkeypatch, tmp_path, begun):
+    asked = []
+
+    def diagnose(spec, recordings, config, progress):
+        asked.append(config.jobs)
+        return SimpleNamespace(
+            verdict="none", effects=lambda: {"effects": []}, seconds=2.0, to_json=lambda: {}
+        )
+
+    monkeypatch.setattr(diagnosed, "diagnose", diagnose)
+    METHODS["diagnosed"].work(work("diagnosed", tmp_path, logs=small.stacked(small.log(size=2)), threads=3))
+    assert asked == [3]
+
+
 def test_the_corrected_simulator_is_what_is_grounded(monkeypatch, tmp_path, begun, diagnoses):
     asked = []
 
