@@ -22,6 +22,8 @@ HARDENING = ":hardening"
 """How the identifier of the form of a spring ends that is not linear."""
 BENDING = (0.1, -0.1, 0.5)
 """By how much more its stiffness may be, to start from, at a deflection as large as the joint's travel."""
+ALONE = (4.0, 12.0)
+"""The same where nothing of it is linear: as strong as the plain one at half the travel, or at less."""
 
 
 def waves(
@@ -92,7 +94,10 @@ class HardeningSpring(Closer):
 
     def starts_from(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
         _, travel = _sizes(ctx, place)
-        return np.array([[*theta, k * theta[0] / travel**2] for k in BENDING])
+        bent = [[*theta, k * theta[0] / travel**2] for k in BENDING]
+        # what the plain one stands for may be the cube alone
+        alone = [[*(0.01 * theta), k * theta[0] / travel**2] for k in ALONE]
+        return np.array(bent + alone)
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any

@@ -27,7 +27,7 @@ def closer(s: Search, current: Fitted) -> Fitted:
     it shows beside is tried once more with it."""
     for turn in range(max((len(REGISTRY[t.plain].closer) for t in current.hypothesis.terms), default=0)):
         current = _with_better(s, current, _forms(s, current, turn))
-    return current
+    return _one_for_two(s, current)
 
 
 def _forms(s: Search, current: Fitted, turn: int) -> dict[Term, Term]:
@@ -50,7 +50,7 @@ def _beside(s: Search, f: Fitted, form: Term) -> list[Term]:
 def _with_better(s: Search, current: Fitted, forms: dict[Term, Term]) -> Fitted:
     """`current` with closer `forms` of some effects: with those that clearly differ from the plain ones, or with all,
     if it is better so."""
-    if not forms or s.sim.rugged(current.hypothesis):
+    if not forms:
         return current
     white = s.whiten_one(current, s.train)
     if at_noise(s, current, white):
@@ -79,6 +79,34 @@ def _with_better(s: Search, current: Fitted, forms: dict[Term, Term]) -> Fitted:
         + ("" if chosen is not old else " (not accepted)")
     )
     return current if chosen is old else chosen.fit
+
+
+def _one_for_two(s: Search, current: Fitted) -> Fitted:
+    """`current` with the closer form of one effect in the place of two at a joint, where held-out windows are predicted
+    as well by that: what does not follow the plain form, the two together imitate."""
+    ctx, starts = s.sim.ctx, []
+    for t in current.hypothesis.terms:
+        endings = REGISTRY[t.plain].closer
+        forms = {Term(t.plain + e, t.place) for e in endings} if t.id == t.plain else {t}
+        for other in current.hypothesis.terms:
+            if other.place != t.place or other == t or not other.effect.named:
+                continue
+            rest = current.of_terms(ctx, current.hypothesis.without(other))
+            for form in (form for form in forms if _closer(form).fits(ctx, t.place)):
+                fewer = rest.theta.size + (_closer(form).further if form != t else 0) < current.theta.size
+                starts += (_with_closer(s, rest, {t: form}) if form != t else [rest]) if fewer else []
+    if not starts:
+        return current
+    white = s.whiten_one(current, s.train)
+    sample = s.sample(current, white)
+    best = fit(s.sim, starts, *sample, iterations=ITERATIONS, anew=False)
+    whites = s.whiten(current)
+    fits = fit(s.sim, [min(best, key=lambda f: f.loss), current], s.train, white, iterations=ITERATIONS)
+    one, two = s.score(fits, whites)
+    if needed(two, one):
+        return current
+    s.log.append(f"one for two: {current.hypothesis} -> {one.fit.hypothesis}")
+    return one.fit
 
 
 def _without_idle(s: Search, current: Fitted, every: Fitted) -> Fitted:

@@ -138,7 +138,9 @@ def _left_of_longer_windows(
     p: Prepared, s: Search, f: Fitted, say: Callable[[str], None]
 ) -> Remainder | None:
     """What `f` leaves of windows of the reported length, where that is more than noise: what is slight adds up in
-    them."""
+    them. Impacts do, too, whatever is missing."""
+    if s.sim.rugged(f.hypothesis):
+        return None
     stride = s.sim.stride
     longer = build_search(p, say, p.config.report_s)
     few = min(longer.train.count, longer.held.count) < ENOUGH_WINDOWS

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.selection import closer_forms
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
 from mpge_jax.diagnosis.selection.closer_forms import closer, with_plain
 from mpge_jax.diagnosis.selection.forward_selection import search
 from tests.diagnosis.machines import PENDULUM, really_sticks, record
-from tests.diagnosis.searches import COULOMB, HINGE, fitted, search_of
+from tests.diagnosis.searches import COULOMB, HINGE, fitted, reported, search_of
 
 SLIDES, STIFFNESS, DAMPED = 0.15, 30.0, 0.26
 INERTIA = 0.0195
@@ -106,3 +106,46 @@ def test_friction_under_load_that_does_not_fall_keeps_its_plain_form():
     s = _search(change=lambda m: really_sticks(m, 0), force=plain)
     current = fitted(s, {Term("load_dependent_friction", HINGE): [0.0, 0.2]})
     assert closer(s, current) is current
+
+
+SPRING, COGS = Term("joint_stiffness", HINGE), Term("cogging_torque", HINGE)
+FLOOR = '<worldbody><geom type="plane" size="1 1 1" pos="0 0 -.321"/>'
+OVER_A_FLOOR = PENDULUM.replace("<worldbody>", FLOOR).replace(' contype="0" conaffinity="0"', "")
+
+
+def _hardens(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    data.qfrc_applied[0] -= 0.5 * float(data.qpos[0]) ** 3
+
+
+@pytest.fixture(scope="module")
+def hardening():
+    """In a machine that may strike the ground, as legs do."""
+    return search_of(OVER_A_FLOOR, record(OVER_A_FLOOR, 0.8, force=_hardens, seconds=3.0))[0]
+
+
+def test_a_spring_may_harden_where_things_may_strike_each_other(hardening):
+    s = hardening
+    assert s.sim.rugged(Hypothesis())
+    found = closer(s, final_fit(s, fitted(s, {SPRING: [0.2, 0.0]}))[0])
+    assert [t.id for t in found.hypothesis.terms] == ["joint_stiffness:hardening"]
+    assert reported(s, found)["cubic"] == pytest.approx(0.5, rel=0.1)
+
+
+def test_one_closer_form_takes_the_place_of_two_effects_that_imitate_it(hardening):
+    """A soft spring and the beginning of a wave: their sum bends as the cube does."""
+    s = hardening
+    two = final_fit(s, fitted(s, {SPRING: [0.4, 0.0], COGS: [-0.3, 0.0, 1.5]}))[0]
+    found = closer(s, two)
+    assert [t.id for t in found.hypothesis.terms] == ["joint_stiffness:hardening"]
+    # but not of two that act
+    both = search_of(PENDULUM, record(PENDULUM, 0.8, change=_stiff, force=_wave, seconds=3.0))[0]
+    two = final_fit(both, fitted(both, {SPRING: [0.5, 0.0], COGS: [0.2, 0.0, 6.0]}))[0]
+    assert set(closer(both, two).hypothesis.terms) == {SPRING, COGS}
+
+
+def _stiff(model: mujoco.MjModel) -> None:
+    model.jnt_stiffness[0] = 0.5
+
+
+def _wave(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    data.qfrc_applied[0] += 0.2 * np.sin(6.0 * float(data.qpos[0]))
