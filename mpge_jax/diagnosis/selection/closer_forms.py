@@ -82,31 +82,39 @@ def _with_better(s: Search, current: Fitted, forms: dict[Term, Term]) -> Fitted:
 
 
 def _one_for_two(s: Search, current: Fitted) -> Fitted:
-    """`current` with the closer form of one effect in the place of two at a joint, where held-out windows are predicted
-    as well by that: what does not follow the plain form, the two together imitate."""
-    ctx, starts = s.sim.ctx, []
-    for t in current.hypothesis.terms:
-        endings = REGISTRY[t.plain].closer
-        forms = {Term(t.plain + e, t.place) for e in endings} if t.id == t.plain else {t}
-        for other in current.hypothesis.terms:
-            if other.place != t.place or other == t or not other.effect.named:
-                continue
-            rest = current.of_terms(ctx, current.hypothesis.without(other))
-            for form in (form for form in forms if _closer(form).fits(ctx, t.place)):
-                fewer = rest.theta.size + (_closer(form).further if form != t else 0) < current.theta.size
-                starts += (_with_closer(s, rest, {t: form}) if form != t else [rest]) if fewer else []
+    """`current` with the closer form of one effect in the place of two, where held-out windows are predicted as well by
+    that: what does not follow the plain form, the two together imitate."""
+    terms = current.hypothesis.terms
+    starts = [
+        fewer
+        for t in terms
+        for other in terms
+        if other != t and other.place == t.place and other.effect.named
+        for fewer in _without(s, current, other, t)
+    ]
     if not starts:
         return current
     white = s.whiten_one(current, s.train)
-    sample = s.sample(current, white)
-    best = fit(s.sim, starts, *sample, iterations=ITERATIONS, anew=False)
-    whites = s.whiten(current)
-    fits = fit(s.sim, [min(best, key=lambda f: f.loss), current], s.train, white, iterations=ITERATIONS)
-    one, two = s.score(fits, whites)
+    quick = fit(s.sim, starts, *s.sample(current, white), iterations=ITERATIONS, anew=False)
+    best = min(quick, key=lambda f: f.loss)
+    fits = fit(s.sim, [best, current], s.train, white, iterations=ITERATIONS)
+    one, two = s.score(fits, s.whiten(current))
     if needed(two, one):
         return current
     s.log.append(f"one for two: {current.hypothesis} -> {one.fit.hypothesis}")
     return one.fit
+
+
+def _without(s: Search, current: Fitted, other: Term, t: Term) -> list[Fitted]:
+    """`current` without an effect and with each closer form of another, where that leaves fewer parameters."""
+    ctx = s.sim.ctx
+    rest = current.of_terms(ctx, current.hypothesis.without(other))
+    if t.id != t.plain:
+        return [rest]
+    forms = (Term(t.plain + ending, t.place) for ending in REGISTRY[t.plain].closer)
+    fitting = [form for form in forms if _closer(form).fits(ctx, t.place)]
+    starts = [start for form in fitting for start in _with_closer(s, rest, {t: form})]
+    return [start for start in starts if start.theta.size < current.theta.size]
 
 
 def _without_idle(s: Search, current: Fitted, every: Fitted) -> Fitted:
