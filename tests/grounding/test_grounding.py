@@ -70,16 +70,15 @@ def restarted():
 def test_a_simulator_that_diverges_leaves_a_row_that_can_be_learned_from():
     """Its row leads nowhere, and it starts anew; the others go on."""
     env, log = small.env(SOURCE), small.log(log_std=-18.0)
+    actors = small.policy_set(log_std=-18.0).rollout
     config = dataclasses.replace(CONFIG, steps_per_iteration=1, value_minibatch=8)
 
     @jax.jit
     def run(key):
-        state = adversarial.init(key, env, small.policy_set(log_std=-18.0).rollout, log, config)
+        state = adversarial.init(key, env, actors, log, config)
         lost = state.env_state.data.replace(qvel=state.env_state.data.qvel.at[0].set(jnp.nan))
         begun = state.env_state.replace(data=lost), state.rollout_policy
-        after, rows = collect.collect(
-            key, state.current, begun, env, small.policy_set(log_std=-18.0).rollout, log, config
-        )
+        after, rows = collect.collect(key, state.current, begun, env, actors, log, config)
         return after[0], rows, collect.expected_next(env, jnp.full((1, 4), jnp.inf), jnp.zeros((1, 1)))
 
     after, rows, expected = run(jax.random.key(0))
