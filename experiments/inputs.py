@@ -19,11 +19,14 @@ def inputs_of(cells: Sequence[Cell]) -> dict[str, int]:
     source, coefficient = envs.source_of(task), cells[0].preset.entropy_coefficient
     kinds = dict.fromkeys(METHODS[cell.method].kind for cell in cells)
     sets = {kind: policies.shipped_path(source, kind, coefficient) for kind in kinds}
-    out = {f"the {kind} policies of {source}": path for kind, path in sets.items() if path.is_file()}
-    read = {what: zlib.crc32(path.read_bytes()) for what, path in out.items()}
+    out = {
+        f"the {kind} policies of {source}": zlib.crc32(path.read_bytes())
+        for kind, path in sets.items()
+        if path.is_file()
+    }
     if own_tasks.split(task) is not None:
-        read |= {f"the model of {name}": _model(name, cells[0]) for name in (source, envs.plain_name(task))}
-    return read
+        out |= {f"the model of {name}": _model(name, cells[0]) for name in (source, envs.plain_name(task))}
+    return out
 
 
 def _model(name: str, cell: Cell) -> int:

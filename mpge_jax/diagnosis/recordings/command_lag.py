@@ -69,11 +69,12 @@ class Driven:
     """Some rows of a log, and what explains commands there.
 
     Attributes:
-        rows: [R] rows, each taken with `s` on either side. step: s from row to row. motion: actuator to an orthonormal
-            basis [R, m] of position, velocity, friction and a constant. force: the same with the joint's force beside,
-            and with accelerations, where it is by the model.
+        time: [T] s of the log. rows: [R] rows, each taken with `s` on either side. step: s from row to row.
+        motion: actuator to an orthonormal basis [R, m] of position, velocity, friction and a constant. force: the same
+            with the joint's force beside, and with accelerations, where it is by the model.
     """
 
+    time: Array
     rows: Array
     s: int
     step: float
@@ -85,9 +86,9 @@ class Driven:
         """How many rows share none of theirs."""
         return self.rows.size / (2 * self.s)
 
-    def mean(self, time: Array, command: Array, lag: float = 0.0) -> Array:
+    def mean(self, command: Array, lag: float = 0.0) -> Array:
         """[R] of a command [T] around the rows, `lag` s late."""
-        return _mean(time, _integral(time, command), self.rows, self.s, lag)
+        return _mean(self.time, _integral(self.time, command), self.rows, self.s, lag)
 
     def left(self, a: int, x: Array) -> Array:
         """[R] of an actuator's command that motion and force do not explain."""
@@ -147,7 +148,7 @@ def what_drives(
             # inertia that the model lacks would pass for another lag of smooth commands
             felt = [needed[:, dof], *acceleration.T]
         motion[a], force[a] = _basis(moves), _basis(moves + felt)
-    return Driven(rows, s, step, motion, force)
+    return Driven(time, rows, s, step, motion, force)
 
 
 def _basis(columns: list[Array]) -> Array:
@@ -157,28 +158,17 @@ def _basis(columns: list[Array]) -> Array:
     return u[:, size > ALMOST_NONE * size[0]]
 
 
-def common_lag(
-    time: Array,
-    qpos: Array,
-    qvel: Array | None,
-    ctrl: Array,
-    model: mujoco.MjModel,
-    measured: Array | None = None,
-) -> Lag | None:
-    """The lag with which commands [T, nu] explain forces best; None where they do not tell. Arguments as of
-    `what_drives`."""
-    driven = what_drives(time, qpos, qvel, ctrl, model, measured)
-    return None if driven is None else lag_of(driven, time, ctrl)
-
-
-def lag_of(driven: Driven, time: Array, ctrl: Array) -> Lag | None:
+def common_lag(driven: Driven | None, ctrl: Array) -> Lag | None:
     """The lag at which forces explain the commands [T, nu] best: these are regressed on force, position, velocity,
-    friction and a constant, and on accelerations where the force is by the model, for every lag."""
+    friction and a constant, and on accelerations where the force is by the model, for every lag. None where they do not
+    tell."""
+    if driven is None:
+        return None
     step = driven.step
     lags = np.arange(-LONGEST, LONGEST + 1e-9, max(step / 4, 1e-3))
     curves = {}
     for a in driven.force:
-        curve = _misfit(driven, a, time, ctrl[:, a], lags)
+        curve = _misfit(driven, a, ctrl[:, a], lags)
         if curve is not None and _is_sharp(curve, lags, step, driven.independent):
             curves[a] = curve
     if not curves:
@@ -223,10 +213,10 @@ def _needed(model: mujoco.MjModel, qpos: Array, qvel: Array, acceleration: Array
     return out
 
 
-def _misfit(driven: Driven, a: int, time: Array, command: Array, lags: Array) -> Array | None:
+def _misfit(driven: Driven, a: int, command: Array, lags: Array) -> Array | None:
     """Logarithm of the share of a command that is left at each lag; None where the force explains too little of it."""
-    total = _integral(time, command)
-    means = (_mean(time, total, driven.rows, driven.s, lag) for lag in lags)
+    total = _integral(driven.time, command)
+    means = (_mean(driven.time, total, driven.rows, driven.s, lag) for lag in lags)
     left = np.array([driven.share_left(a, x) for x in means])
     return None if left.min() > 1 - EXPLAINED else np.log(np.maximum(left, LEAST))
 

@@ -9,7 +9,15 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.recordings.command_lag import ALIKE, LEAST, SHARP, Driven, Lag, lag_of, what_drives
+from mpge_jax.diagnosis.recordings.command_lag import (
+    ALIKE,
+    LEAST,
+    SHARP,
+    Driven,
+    Lag,
+    common_lag,
+    what_drives,
+)
 from mpge_jax.diagnosis.recordings.recording import Recording
 
 Array = np.ndarray
@@ -78,7 +86,7 @@ def _rows_before(r: Recording, model: mujoco.MjModel, measured: bool) -> Array |
     if r.ctrl is None:
         return None
     driven = what_drives(r.time, r.qpos, r.qvel, r.ctrl, model, r.force if measured else None)
-    lag = None if driven is None else lag_of(driven, r.time, r.ctrl)
+    lag = common_lag(driven, r.ctrl)
     if driven is None or lag is None:
         return None
     if not 0.5 * lag.step < -lag.common < (MOST + 0.5) * lag.step:
@@ -98,8 +106,8 @@ class _Shifts:
         self.means, self.late = {}, {}
         for a in (a for a, own in lag.each.items() if own - lag.common <= ALIKE * lag.step):
             moved = (ctrl[np.minimum(rows + k, rows.size - 1), a] for k in range(MOST + 1))
-            self.means[a] = np.array([driven.mean(r.time, command) for command in moved])
-            self.late[a] = driven.mean(r.time, ctrl[:, a], lag.common)
+            self.means[a] = np.array([driven.mean(command) for command in moved])
+            self.late[a] = driven.mean(ctrl[:, a], lag.common)
 
     def likeliest(self) -> Array:
         """Rows [R] by which commands moved, by turns with what a command does, from that of the mean lag on."""

@@ -14,7 +14,7 @@ import numpy as np
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.column_map import apply, apply_to, sources
-from mpge_jax.diagnosis.recordings.command_lag import LONGEST, NOT_TOLD, common_lag
+from mpge_jax.diagnosis.recordings.command_lag import LONGEST, NOT_TOLD, common_lag, what_drives
 from mpge_jax.diagnosis.recordings.formats.arrays import KEYS, raw_columns, read_npz
 from mpge_jax.diagnosis.recordings.formats.plain import aliased_log, read_csv
 from mpge_jax.diagnosis.recordings.formats.registry import ARRAYS, find_files, other_logs, read_logs
@@ -111,7 +111,8 @@ def read_log(
     columns, within = columns or {}, 0.0
     data, notes, joined = _at_rows(log, path, model, names, columns, 0.0)
     if joined.apart and "ctrl" in data:
-        lag = common_lag(data["time"], data["qpos"], data.get("qvel"), data["ctrl"], model)
+        ctrl = data["ctrl"]
+        lag = common_lag(what_drives(data["time"], data["qpos"], data.get("qvel"), ctrl, model), ctrl)
         if lag is not None and lag.matters:
             data, notes, _ = _at_rows(log, path, model, names, columns, lag.common)
         said = NOT_TOLD if lag is None else lag.told(names.actuators)

@@ -94,11 +94,10 @@ def _one_for_two(s: Search, current: Fitted) -> Fitted:
     ]
     if not starts:
         return current
-    white = s.whiten_one(current, s.train)
-    quick = fit(s.sim, starts, *s.sample(current, white), iterations=ITERATIONS, anew=False)
+    whites = s.whiten(current)
+    quick = fit(s.sim, starts, *s.sample(current, whites[0]), iterations=ITERATIONS, anew=False)
     best = min(quick, key=lambda f: f.loss)
-    fits = fit(s.sim, [best, current], s.train, white, iterations=ITERATIONS)
-    one, two = s.score(fits, s.whiten(current))
+    one, two = s.score(fit(s.sim, [best, current], s.train, whites[0], iterations=ITERATIONS), whites)
     if needed(two, one):
         return current
     s.log.append(f"one for two: {current.hypothesis} -> {one.fit.hypothesis}")

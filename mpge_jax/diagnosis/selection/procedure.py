@@ -142,12 +142,19 @@ def _left_of_longer_windows(
     if s.sim.rugged(f.hypothesis):
         return None
     stride = s.sim.stride
-    longer = build_search(p, say, p.config.report_s)
-    few = min(longer.train.count, longer.held.count) < ENOUGH_WINDOWS
-    left = None if few or longer.train.steps <= s.train.steps else what_is_left(p, f, longer)[1]
-    s.log += longer.log
+    left, longer = None, _longer_search(p, s, p.config.report_s, say)
+    if longer is not None:
+        left = what_is_left(p, f, longer)[1]
+        s.log += longer.log
     s.sim.stride = stride
     return left
+
+
+def _longer_search(p: Prepared, s: Search, length: float, say: Callable[[str], None]) -> Search | None:
+    """A search in windows of a length (s); None where they are too few, or no longer than those of `s`."""
+    longer = build_search(p, say, length)
+    few = min(longer.train.count, longer.held.count) < ENOUGH_WINDOWS
+    return None if few or longer.train.steps <= s.train.steps else longer
 
 
 def _on_longer_windows(
@@ -162,10 +169,8 @@ def _on_longer_windows(
     longest = s
     length, usual, stride = p.config.report_s, _usual(s, f), s.sim.stride
     while True:
-        longer = build_search(p, say, length)
-        few = min(longer.train.count, longer.held.count) < ENOUGH_WINDOWS
-        blurred = f.hypothesis.terms and _usual(longer, f) <= usual
-        if few or longer.train.steps <= longest.train.steps or blurred:
+        longer = _longer_search(p, longest, length, say)
+        if longer is None or (f.hypothesis.terms and _usual(longer, f) <= usual):
             break
         say(f"looking on in windows of {longer.train.times.max():.2g} s")
         longer.resume, longer.looked = Reached(f), s.looked

@@ -10,7 +10,7 @@ import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.machine.model import names_of
-from mpge_jax.diagnosis.recordings.command_lag import LONGEST, Lag, common_lag
+from mpge_jax.diagnosis.recordings.command_lag import LONGEST, Lag, common_lag, what_drives
 from mpge_jax.diagnosis.recordings.formats.tables import Column, Log, Table
 from mpge_jax.diagnosis.recordings.reader import read_log
 from tests.diagnosis.machines import ARM, excitation, record
@@ -19,6 +19,10 @@ RATE, SECONDS = 100, 4.0
 SENT = np.arange(0, SECONDS, 0.01) + 0.0013
 """s at which commands are sent, between the rows of the states."""
 ACTUATORS = ("shoulder_motor", "elbow_servo")
+
+
+def lag_in(time, qpos, qvel, ctrl, model) -> Lag | None:
+    return common_lag(what_drives(time, qpos, qvel, ctrl, model), ctrl)
 
 
 def _arm():
@@ -73,7 +77,7 @@ def test_what_all_actuators_have_in_common_is_found(delays, clock, common, veloc
     late = SENT + clock
     at = np.searchsorted(late, time + 0.005, side="right") - 1
     ctrl = commands[np.maximum(at, 0)]
-    lag = common_lag(time, q, v if velocities else None, ctrl, _arm()[0])
+    lag = lag_in(time, q, v if velocities else None, ctrl, _arm()[0])
     assert lag.common == pytest.approx(common, abs=0.004)
     assert list(lag.each) == [0, 1]
     for a, delay in enumerate(delays):
@@ -121,7 +125,7 @@ def test_inertia_that_is_missing_is_no_lag():
         model.body_inertia[2] += [3e-5, 2.7e-3, 2.7e-3]
 
     for r in record(SERVOS, [0.9, 0.9], change=heavier, seconds=8.0, rate=60, count=10)[::3]:
-        lag = common_lag(r.time, r.qpos, None, r.ctrl, mujoco.MjModel.from_xml_string(SERVOS))
+        lag = lag_in(r.time, r.qpos, None, r.ctrl, mujoco.MjModel.from_xml_string(SERVOS))
         assert list(lag.each) == [0, 1]
         np.testing.assert_allclose(list(lag.each.values()), 0.0, atol=0.2 * lag.step)
 
@@ -130,15 +134,15 @@ def test_commands_that_explain_nothing_tell_nothing():
     time, q, v, _ = _recorded((0.0, 0.0))
     model = _arm()[0]
     noise = np.random.default_rng(1).standard_normal((time.size, 2))
-    assert common_lag(time, q, v, noise, model) is None
-    assert common_lag(time, q, v, np.ones((time.size, 2)), model) is None
-    assert common_lag(time[:50], q[:50], v[:50], noise[:50], model) is None
+    assert lag_in(time, q, v, noise, model) is None
+    assert lag_in(time, q, v, np.ones((time.size, 2)), model) is None
+    assert lag_in(time[:50], q[:50], v[:50], noise[:50], model) is None
     still = np.zeros_like(q)
-    assert common_lag(time, still, still, noise, model) is None
+    assert lag_in(time, still, still, noise, model) is None
     free = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
     )
-    assert common_lag(time, np.zeros((time.size, 7)), None, np.zeros((time.size, 0)), free) is None
+    assert lag_in(time, np.zeros((time.size, 7)), None, np.zeros((time.size, 0)), free) is None
     # one tone may be late or of another phase: its lag cannot be told from damping and stiffness
     slow = read_log(_log(*_one_tone()), "run", *_arm())
     assert "cannot be told" in " ".join(slow.warnings)
