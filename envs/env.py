@@ -1,5 +1,6 @@
 """The environment: a task, perhaps a variant of it, and the engine that moves it."""
 
+import functools
 from typing import Any
 
 import jax
@@ -73,6 +74,34 @@ class Env:
                 f"{self.name} has observations of shape ({self.observation_size},), got {obs.shape}"
             )
         return self._first_state(*self.task.to_state(obs))
+
+    def tells_state(self, obs: jax.Array) -> jax.Array:
+        """Whether `obs [O]` determines the state, `bool []`: not on a bound that the observation is clipped to, where
+        it stays the same as the state moves on (Hopper's velocities of 10), so that `state_from_obs` is a guess.
+
+        Raises:
+          ValueError: as `state_from_obs`.
+        """
+        return jnp.all(self._seen(obs) | ~jnp.asarray(self.observed))
+
+    @functools.cached_property
+    def observed(self) -> np.ndarray:
+        """Which numbers of the state, `(qpos, qvel)`, an observation tells at all, `bool [nq + nv]`: not where a free
+        root is."""
+        with jax.ensure_compile_time_eval():
+            return np.asarray(self._seen(self.reset(jax.random.key(0)).obs))
+
+    def _seen(self, obs: jax.Array) -> jax.Array:
+        """Which numbers of its state the observation `obs [O]` follows, `bool [nq + nv]`."""
+        start = self.state_from_obs(obs).data
+        nq = self.model.nq
+
+        def observe(state: jax.Array) -> jax.Array:
+            return self.task.observe(self.engine.init(state[:nq], state[nq:]))
+
+        # A little further out: on a bound itself the slope is not yet zero.
+        state = 1.0001 * jnp.concatenate([start.qpos, start.qvel])
+        return jnp.abs(jax.jacfwd(observe)(state)).max(0) > 0
 
     def step(self, state: State, action: jax.Array, charged: jax.Array | None = None) -> State:
         """One step under `action [A]`, clipped to the action box. `done` is `terminated` or `truncated`.

@@ -49,6 +49,9 @@ class Probe:
         info = {"terminated": zero, "truncated": zero, "steps": jnp.zeros((), jnp.int32), "next_obs": obs}
         return State(data=obs, obs=obs, reward=zero, done=zero, metrics={}, info=info)
 
+    def tells_state(self, obs: jax.Array) -> jax.Array:
+        return jnp.ones((), bool)
+
     def predict(self, obs: jax.Array, action: jax.Array) -> jax.Array:
         return self.step(self.state_from_obs(obs), action).info["next_obs"]
 

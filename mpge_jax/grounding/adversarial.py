@@ -97,7 +97,8 @@ def init(
     pi_g = start
     if pi_g is None:
         pi_g = transformer.init(key_policy, env.observation_size, env.action_size, config.transformer)
-    starts = jax.vmap(lambda k: collect.start(k, env, log, config))(
+    starts = collect.starts_of(env, log, config)
+    begun = jax.vmap(lambda k: collect.start(k, env, starts, config))(
         jax.random.split(key_start, config.num_envs)
     )
     return GroundingState(
@@ -108,8 +109,8 @@ def init(
         discriminator=discriminator.init(
             key_discriminator, env.observation_size, env.action_size, config.discriminator
         ),
-        env_state=starts[0],
-        rollout_policy=starts[1],
+        env_state=begun[0],
+        rollout_policy=begun[1],
         expected=jax.vmap(partial(collect.expected_next, env))(log.observation, log.action)
         if config.needs_expected
         else None,
@@ -127,8 +128,9 @@ def update(
       and the mean `log_std` of pi_g.
     """
     key_collect, key_d, key_policy, key_value, key = jax.random.split(state.key, 5)
+    begun, starts = (state.env_state, state.rollout_policy), collect.starts_of(env, log, config)
     (env_state, rollout_policy), rows = collect.collect(
-        key_collect, state.current, (state.env_state, state.rollout_policy), env, policies, log, config
+        key_collect, state.current, begun, env, policies, starts, config
     )
     grounded = rows.transitions
     learned, d_metrics = update_discriminator(

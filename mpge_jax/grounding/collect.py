@@ -51,13 +51,14 @@ def collect(
     begun: tuple[State, Int[Array, " B"]],
     env: Env,
     policies: RolloutPolicies,
-    log: TargetLog,
+    starts: TargetLog,
     config: GroundingConfig,
 ) -> tuple[tuple[State, Int[Array, " B"]], Rows]:
     """T steps of B simulators under K rollout policies and pi_g. `key` is consumed.
 
     Args:
       begun: the B simulators, and the rollout policy that acts in each; as from `start`.
+      starts: rows of the target log that episodes may begin in, as from `starts_of`.
 
     Returns:
       What `begun` has become, and the rows in the order `[T, J, B]`.
@@ -89,8 +90,8 @@ def collect(
             ended = ended | (after.info["steps"] >= config.restart_steps)
 
         def restarted() -> tuple[State, Int[Array, " B"]]:
-            starts = jax.random.split(key_start, config.num_envs)
-            return select(ended, jax.vmap(lambda k: start(k, env, log, config))(starts), (after, which))
+            keys = jax.random.split(key_start, config.num_envs)
+            return select(ended, jax.vmap(lambda k: start(k, env, starts, config))(keys), (after, which))
 
         some = lockstep.largest(jnp.any(ended))
         return jax.lax.cond(some, restarted, lambda: (after, which)), row
@@ -105,13 +106,24 @@ def expected_next(env: Env, obs: Float[Array, "B O"], action: Float[Array, "B A"
     return finite_or(jax.vmap(env.predict)(obs, action), obs)
 
 
+def starts_of(env: Env, log: TargetLog, config: GroundingConfig) -> TargetLog:
+    """The rows of a log that episodes may begin in: where they begin in logged ones, those that tell their state."""
+    if not config.restart_steps:
+        return log
+    return log.only(jax.vmap(jax.vmap(env.tells_state))(log.observation))
+
+
 def start(
-    key: PRNGKeyArray, env: Env, log: TargetLog, config: GroundingConfig
+    key: PRNGKeyArray, env: Env, starts: TargetLog, config: GroundingConfig
 ) -> tuple[State, Int[Array, ""]]:
-    """The first state of an episode, and the rollout policy drawn for it. `key` is consumed."""
+    """The first state of an episode, and the rollout policy drawn for it. `key` is consumed.
+
+    Args:
+      starts: as from `starts_of`. Of a policy without such a row it is the policy's first row.
+    """
     key_policy, key_state = jax.random.split(key)
-    which = jax.random.randint(key_policy, (), 0, log.count.shape[0])
+    which = jax.random.randint(key_policy, (), 0, starts.count.shape[0])
     if config.restart_steps:
-        row = jax.random.randint(key_state, (), 0, log.count[which])
-        return env.state_from_obs(log.observation[which, row]), which
+        row = jax.random.randint(key_state, (), 0, starts.count[which])
+        return env.state_from_obs(starts.observation[which, row]), which
     return env.reset(key_state), which

@@ -31,6 +31,8 @@ class Resettable(Environment, Protocol):
 
     def state_from_obs(self, obs: jax.Array) -> State: ...
 
+    def tells_state(self, obs: jax.Array) -> jax.Array: ...
+
 
 @dataclass(frozen=True)
 class DeltaConfig:
@@ -75,10 +77,13 @@ class TrackingEnv:
         self.action_high = (np.asarray(env.action_high) - np.asarray(env.action_low)) / 2
         self.action_low = -self.action_high
         self.max_steps = config.horizon
+        logged = jnp.arange(rows.observation.shape[0]) < rows.count
+        told = logged & jax.vmap(env.tells_state)(rows.observation)
+        self._starts, self._start_count = jnp.argsort(~told, stable=True), jnp.sum(told)
 
     def reset(self, key: jax.Array) -> State:
-        """In a random logged state. `key` is consumed."""
-        row = jax.random.randint(key, (), 0, self._rows.count)
+        """In a random logged state, of those that an observation tells. `key` is consumed."""
+        row = self._starts[jax.random.randint(key, (), 0, self._start_count)]
         inner = self._env.state_from_obs(self._rows.observation[row])
         zero = jnp.zeros((), inner.obs.dtype)
         obs = jnp.concatenate([inner.obs, self._rows.action[row]])

@@ -68,7 +68,7 @@ class Inverted(flax.struct.PyTreeNode):
       action: the logged action.
       explained: the simulator's action a~.
       misfit: what a~ leaves unexplained of s', root mean square in standard deviations of s' - s.
-      weight: 1, or 0 for padding.
+      weight: 1, or 0 for padding and where an observation does not tell its state.
     """
 
     observation: Float[Array, "*n B O"]
@@ -79,7 +79,7 @@ class Inverted(flax.struct.PyTreeNode):
 
 
 def invert(env: Env, log: TargetLog, config: InversionConfig) -> Inverted:
-    """Finds the simulator's action for every transition of `log`.
+    """Finds the simulator's action for every transition of `log`; those whose state is not told weigh nothing.
 
     Raises:
       ValueError: an observation of `env` does not determine its state.
@@ -91,9 +91,9 @@ def invert(env: Env, log: TargetLog, config: InversionConfig) -> Inverted:
     observation, action, target = (
         flat(jnp.where(valid[..., None], x, 0.0)) for x in (log.observation, log.action, log.next_observation)
     )
-    weight = flat(valid).astype(jnp.float32)
+    weight = (flat(valid) & jax.vmap(env.tells_state)(observation)).astype(jnp.float32)
     change = target - observation
-    total = jnp.sum(weight)
+    total = jnp.maximum(jnp.sum(weight), 1.0)
     mean = jnp.sum(change * weight[:, None], axis=0) / total
     scale = jnp.sqrt(jnp.sum(weight[:, None] * (change - mean[None]) ** 2, axis=0) / total) + 1e-6
 
@@ -139,7 +139,7 @@ def regress(key: PRNGKeyArray, inverted: Inverted, config: InversionConfig) -> T
     key_init, key_rows = jax.random.split(key)
     size, rows = inverted.action.shape[1], inverted.action.shape[0]
     pair = jnp.concatenate([inverted.observation, inverted.action], axis=1)
-    total = jnp.sum(inverted.weight)
+    total = jnp.maximum(jnp.sum(inverted.weight), 1.0)
     mean = jnp.sum(pair * inverted.weight[:, None], axis=0) / total
     std = jnp.sqrt(jnp.sum((pair - mean[None]) ** 2 * inverted.weight[:, None], axis=0) / total)
     pi_g = transformer.init(key_init, inverted.observation.shape[1], size, config.transformer)

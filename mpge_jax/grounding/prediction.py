@@ -79,11 +79,11 @@ def error_under(env: Env, rows: HeldOut, executed: Float[Array, "H A"]) -> Float
       ValueError: an observation of `env` does not determine its state.
     """
     predicted = jax.vmap(env.predict)(rows.observation, executed)
-    counts = rows.weight[:, None] > 0
+    counts = ((rows.weight > 0) & jax.vmap(env.tells_state)(rows.observation))[:, None]
 
     def average(values: Float[Array, "H O"]) -> Float[Array, " O"]:
         # Chosen, not multiplied by 0: padding may diverge.
-        return jnp.sum(jnp.where(counts, values, 0.0), axis=0) / jnp.sum(rows.weight)
+        return jnp.sum(jnp.where(counts, values, 0.0), axis=0) / jnp.sum(counts)
 
     change = rows.next_observation - rows.observation
     variance = average((change - average(change)[None]) ** 2)

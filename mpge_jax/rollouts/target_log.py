@@ -10,7 +10,7 @@ import flax.struct
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray, Shaped
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, Shaped
 
 from envs import AutoReset, Environment, State
 from mpge_jax import files
@@ -42,6 +42,18 @@ class TargetLog(flax.struct.PyTreeNode):
     def steps(self) -> int:
         """Target steps that this log took, over all policies."""
         return int(np.sum(np.asarray(self.count)))
+
+    def only(self, chosen: Bool[Array, "K M"]) -> "TargetLog":
+        """The rows that are `chosen`, in their order; all leaves without a leading axis."""
+        valid = jnp.arange(chosen.shape[1])[None, :] < self.count[:, None]
+        kept = chosen & valid
+        order = jnp.argsort(~kept, axis=1, stable=True)
+
+        def arranged(x: Shaped[Array, "K M *row"]) -> Shaped[Array, "K M *row"]:
+            return jax.vmap(lambda rows, at: rows[at])(x, order)
+
+        rows = {name: arranged(getattr(self, name)) for name in _ROW_FIELDS}
+        return TargetLog(**rows, count=jnp.sum(kept, axis=1).astype(self.count.dtype))
 
     def rows(self) -> dict[str, Float[np.ndarray, "steps _"]]:
         """Observations, actions and next observations of all valid rows, policy by policy."""

@@ -152,6 +152,22 @@ def test_state_from_obs(name, backend):
     np.testing.assert_allclose(one.reward, two.reward, atol=1e-4)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_states_are_told_but_where_an_observation_cuts_them_off(name):
+    """All of a first state but where a root is; and of ten times its speeds, but of a Hopper's beyond 10."""
+    case = compiled(name)
+    env, state = case.env, case.start()
+    on_rail = env.task.name == "InvertedPendulum"
+    assert np.flatnonzero(~env.observed).tolist() == ([] if on_rail else [0])
+    told = jax.jit(jax.vmap(env.tells_state))
+    assert np.all(told(state.obs))
+    sizes = jnp.array([0.5, 9.9, 10.0, 10.1])
+    qvel = state.data.qvel.at[:, -1].set(jnp.array([1, -1, 1, -1]) * sizes)
+    fast = jax.vmap(lambda q, v: env.task.observe(env.engine.init(q, v)))(state.data.qpos, qvel)
+    expected = [True, True, False, False] if "hopper" in name.lower() else [True] * 4
+    assert np.asarray(told(fast)).tolist() == expected
+
+
 @over_registry
 def test_reset_after_done(name, backend):
     case = compiled(name, backend)
