@@ -9,13 +9,13 @@ from mpge_jax.diagnosis import pipeline
 from mpge_jax.diagnosis.residual import motion
 from mpge_jax.diagnosis.residual.inputs import functions
 from mpge_jax.diagnosis.verdict import judgement
-from tests.diagnosis.machines import COARSE, PENDULUM, really_sticks, record
+from tests.diagnosis.machines import FINE_PENDULUM, PENDULUM, really_sticks, record
 from tests.diagnosis.searches import search_of
 
 
 @pytest.fixture(scope="module")
 def null():
-    return search_of(PENDULUM, record(PENDULUM, 0.8))
+    return search_of(FINE_PENDULUM, record(FINE_PENDULUM, 0.8))
 
 
 def _rubs(xml: str):
@@ -32,9 +32,9 @@ def rubbing():
 
 
 @pytest.fixture(scope="module")
-def rubbing_coarsely():
-    """For what is simulated long."""
-    return _rubs(COARSE)
+def rubbing_finely():
+    """Where friction within a step matters."""
+    return _rubs(FINE_PENDULUM)
 
 
 @pytest.fixture

@@ -9,15 +9,15 @@ import numpy as np
 
 from mpge_jax.diagnosis import Recording
 
-PENDULUM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="arm">
+PENDULUM = """<mujoco><option timestep="0.005" integrator="implicitfast"/><worldbody><body name="arm">
 <joint name="hinge" axis="0 1 0" damping="0.02" armature="0.004"/>
 <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/></body></worldbody>
 <actuator><motor name="motor" joint="hinge" ctrlrange="-2 2" ctrllimited="true"/></actuator></mujoco>"""
 
-COARSE = PENDULUM.replace('timestep="0.002"', 'timestep="0.005"')
-"""Where much is simulated, which takes as long as there are steps."""
+FINE_PENDULUM = PENDULUM.replace('timestep="0.005"', 'timestep="0.002"')
+"""Where the step itself matters: a search takes as long as there are steps."""
 
-ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+ARM = """<mujoco><option timestep="0.005" integrator="implicitfast"/><worldbody>
 <body name="upper"><joint name="shoulder" axis="0 1 0" damping="0.05" armature="0.01"/>
 <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1" contype="0" conaffinity="0"/>
 <body name="fore" pos="0 0 -.3"><joint name="elbow" axis="0 1 0" damping="0.03" armature="0.005"/>
@@ -26,7 +26,7 @@ ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <actuator><motor name="shoulder_motor" joint="shoulder"/><position name="elbow_servo" joint="elbow" kp="8" kv="0.4"/>
 </actuator></mujoco>"""
 
-COARSE_ARM = ARM.replace('timestep="0.002"', 'timestep="0.005"')
+FINE_ARM = ARM.replace('timestep="0.005"', 'timestep="0.002"')
 
 BOX = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <geom name="floor" type="plane" size="5 5 1"/><body name="box" pos="0 0 .1"><joint name="x" type="slide" axis="1 0 0"/>

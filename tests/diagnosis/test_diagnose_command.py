@@ -33,7 +33,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.machine.model import load_spec
 from mpge_jax.diagnosis.report import tables
 from mpge_jax.diagnosis.selection.setup import build_search
-from tests.diagnosis.machines import COARSE, PENDULUM, record
+from tests.diagnosis.machines import FINE_PENDULUM, PENDULUM, record
 
 ROOT = Path(__file__).parents[2]
 EFFECTS = ["coulomb_friction", "viscous_damping", "actuator_gain"]
@@ -49,8 +49,8 @@ def _friction(model, data):
 def folder(tmp_path_factory):
     """Model and recordings with hostile names, of a pendulum whose joint has one too and dry friction of 0.1 N m."""
     path = tmp_path_factory.mktemp("pendulum")
-    (path / MODEL).write_text(COARSE.replace('"hinge"', f"'{EVIL}'"))
-    for r in record(COARSE, 1.2, force=_friction):
+    (path / MODEL).write_text(PENDULUM.replace('"hinge"', f"'{EVIL}'"))
+    for r in record(PENDULUM, 1.2, force=_friction):
         np.savez(path / f"{r.name}<img src=x>.npz", time=r.time, qpos=r.qpos, ctrl=r.ctrl)
     return path
 
@@ -318,10 +318,10 @@ def _hum(model, data):
 
 
 VERDICTS = {
-    "none": (COARSE, None, EFFECTS),
-    "unexplained": (PENDULUM, _hum, EFFECTS),
+    "none": (PENDULUM, None, EFFECTS),
+    "unexplained": (FINE_PENDULUM, _hum, EFFECTS),
     "ambiguous": (
-        PENDULUM.replace("<option", '<option gravity="0 0 0"'),
+        FINE_PENDULUM.replace("<option", '<option gravity="0 0 0"'),
         None,
         ["coulomb_friction", "actuator_bias"],
     ),

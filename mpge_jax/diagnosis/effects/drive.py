@@ -18,6 +18,8 @@ BOUNCE = 0.2
 """Restitution at the ends of a gap where nothing is known of it."""
 LEAST = 0.05
 """Least restitution: that of twice the critical damping."""
+DAMPED_MOTOR = ":damped_motor"
+"""Ending of the closer form of a flexible drive whose joint is damped at the motor."""
 
 
 @register
@@ -110,7 +112,7 @@ class Drive(Effect):
 
 @register
 class JointFlexibility(Drive):
-    id = "joint_flexibility"
+    id, closer = "joint_flexibility", (DAMPED_MOTOR,)
     equation = "motor and link joined by k twist + d d(twist)/dt"
     says = "The drive of the {at} yields like a spring of {stiffness} with a damping of {damping}."
     confused_with = ("actuator_delay", "backlash")
@@ -155,8 +157,9 @@ class JointFlexibility(Drive):
         return self.fades(ctx, place, theta) if known else np.zeros(len(theta))
 
     def force(
-        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any, damped: Array = 0.0
     ) -> tuple[Forces, Any]:
+        """With `damped` [...], a damping of the motor itself."""
         inertia = rotor_inertia(ctx.model, place.index)
         stiffness, damping = theta[..., 0], theta[..., 1]
         q, v = s.q[..., ctx.qadr(place)], s.v[..., ctx.dof(place)]
@@ -169,8 +172,8 @@ class JointFlexibility(Drive):
             torque, hold, brake = motors.torque(xp, angle - q, slip)
             passed = stiffness * (angle - (q + v * (i * h))) + damping * slip
             # linearly implicit in the motor's speed
-            accel = (torque - passed - stiffness * h * slip - hold * h * speed) / (
-                inertia + h * (damping + brake) + h * h * (stiffness + hold)
+            accel = (torque - passed - damped * speed - stiffness * h * slip - hold * h * speed) / (
+                inertia + h * (damping + brake + damped) + h * h * (stiffness + hold)
             )
             speed_next = speed + h * accel
             transmitted = passed + stiffness * h * (speed_next - v) + damping * (speed_next - speed)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.drive import Drive
 from mpge_jax.diagnosis.effects.hypothesis import Term
@@ -115,7 +116,7 @@ def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
     if not f.theta.size or not f.cov.size:
         return f
     shift = timing_error(f.hypothesis.params(s.sim.ctx), f.theta, w.dt)
-    if any(isinstance(t.effect, Drive) for t in f.hypothesis.terms):
+    if any(isinstance(REGISTRY[t.plain], Drive) for t in f.hypothesis.terms):
         white = whitener(s.sim, f.hypothesis, f.theta, w, s.noise)
         residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
         for what, change in numerics(s.sim, f.hypothesis, f.theta, w).items():

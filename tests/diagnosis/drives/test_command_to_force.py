@@ -9,13 +9,13 @@ import pytest
 from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis.dataset.prepared import with_drives
 from mpge_jax.diagnosis.drives.command_to_force import diagnose_actuators
-from tests.diagnosis.machines import PENDULUM
+from tests.diagnosis.machines import FINE_PENDULUM
 from tests.diagnosis.searches import search_of
 
 
 def test_actuator_effects_show_in_the_prediction_from_commands():
     gain, recordings = 0.7, []
-    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    model = mujoco.MjModel.from_xml_string(FINE_PENDULUM)
     model.opt.timestep /= 4
     rng = np.random.default_rng(0)
     for k in range(4):
@@ -30,7 +30,7 @@ def test_actuator_effects_show_in_the_prediction_from_commands():
         q = q + 1e-4 * rng.standard_normal(q.size)
         f = f + 1e-3 * rng.standard_normal(f.size)
         recordings.append(Recording(f"run_{k}", t, q[:, None], None, u[:, None], f[:, None]))
-    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1))
+    d = diagnose(mujoco.MjSpec.from_string(FINE_PENDULUM), recordings, Config(jobs=1))
     found = d.to_json()
     assert [(e["id"], e["at"]) for e in found["effects"]] == [("actuator_gain", "motor")]
     assert d.held.before.rms > 10 * d.held.after.rms
@@ -42,7 +42,7 @@ def test_actuator_effects_show_in_the_prediction_from_commands():
 def test_back_emf_is_read_from_measured_forces_on_a_jittered_clock(jitter):
     """The command changes at the rows themselves, and the force follows the speed between them."""
     coefficient, recordings = 0.3, []
-    rng, plain = np.random.default_rng(0), mujoco.MjModel.from_xml_string(PENDULUM)
+    rng, plain = np.random.default_rng(0), mujoco.MjModel.from_xml_string(FINE_PENDULUM)
     for k in range(3):
         t = np.cumsum(0.01 * (1 + jitter * rng.uniform(-1, 1, 150)))
         q, v = np.sin(3 * t + k), 3 * np.cos(3 * t + k)
@@ -50,7 +50,7 @@ def test_back_emf_is_read_from_measured_forces_on_a_jittered_clock(jitter):
         f = u - coefficient * v + 1e-3 * rng.standard_normal(t.size)
         q = q + 1e-4 * rng.standard_normal(t.size)
         recordings.append(Recording(f"run_{k}", t, q[:, None], None, u[:, None], f[:, None]))
-    p = search_of(PENDULUM, recordings)[1]
+    p = search_of(FINE_PENDULUM, recordings)[1]
     found = diagnose_actuators(p, plain, ["actuator_gain", "actuator_bias", "actuator_delay", "back_emf"])
     assert [e["id"] for e in found.effects] == ["back_emf"]
     assert found.effects[0]["parameters"]["coefficient"]["value"] == pytest.approx(coefficient, rel=0.02)

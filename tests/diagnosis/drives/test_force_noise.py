@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.evidence.null_distribution import force_noise
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
 from mpge_jax.diagnosis.recordings.recording import validate
-from tests.diagnosis.machines import PENDULUM, excitation
+from tests.diagnosis.machines import FINE_PENDULUM, excitation
 
 DRIVES = [i for i, e in REGISTRY.items() if e.side == "actuator"]
 NOISE, MORE = 0.05, 0.15
@@ -22,7 +22,7 @@ def _recordings(ripple: float = 0.0, sensor: float = 0.0, gain: float = 1.0, mor
     """A motor with noise in its force (`ripple`) and in the measurement of that; in some rows of the first run it gives
     more than its command."""
     rng, out = np.random.default_rng(0), []
-    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    model = mujoco.MjModel.from_xml_string(FINE_PENDULUM)
     for k in range(4):
         data, rows = mujoco.MjData(model), []
         for i in range(400):
@@ -39,7 +39,7 @@ def _recordings(ripple: float = 0.0, sensor: float = 0.0, gain: float = 1.0, mor
 
 
 def _freed(recordings):
-    spec = mujoco.MjSpec.from_string(PENDULUM)
+    spec = mujoco.MjSpec.from_string(FINE_PENDULUM)
     plain = compile_variable(spec)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
     found = diagnose_actuators(p, plain, DRIVES)

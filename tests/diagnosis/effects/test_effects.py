@@ -21,7 +21,7 @@ from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.selection.alternatives import PLAIN_LAWS, SPECIAL_CASES
 from mpge_jax.diagnosis.simulation.single_step import Machine
-from tests.diagnosis.machines import ARM, BOX, PENDULUM
+from tests.diagnosis.machines import BOX, FINE_ARM, FINE_PENDULUM
 from tests.diagnosis.searches import exported
 
 VALUES = {
@@ -44,6 +44,7 @@ VALUES = {
     "load_dependent_friction:gear:falling": [0.02, 0.1, 0.4, 0.3],
     "joint_stiffness:hardening": [0.6, 0.1, 0.3], "payload_mass:extended": [0.2, 0.02, 0.01, -0.3, 0.1],
     "asymmetric_friction:elastic": [0.03, 0.06, 0.02, 0.05, 0.4, 0.3], "torque_saturation:soft": [0.3, 0.2],
+    "joint_flexibility:damped_motor": [30.0, 0.05, 0.7],
 }  # fmt: skip
 # Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
 # takes polynomial damping implicitly, and contact solvers start from another guess.
@@ -59,10 +60,10 @@ CONTACT = ("contact_friction", "contact_stiffness")
 def model_for(effect_id: str) -> str:
     """A machine on which the effect can act."""
     if effect_id == "viscous_damping:explicit":
-        return PENDULUM.replace('timestep="0.002"', 'timestep="0.008"')
+        return FINE_PENDULUM.replace('timestep="0.002"', 'timestep="0.008"')
     if effect_id.endswith(":limited"):
-        return PENDULUM.replace("<motor ", '<motor forcerange="-0.5 0.5" ')
-    return BOX if effect_id in CONTACT else PENDULUM
+        return FINE_PENDULUM.replace("<motor ", '<motor forcerange="-0.5 0.5" ')
+    return BOX if effect_id in CONTACT else FINE_PENDULUM
 
 
 def machine(effect_id: str, xml: str | None = None) -> Machine:
@@ -117,7 +118,7 @@ def test_every_effect_changes_the_motion(effect_id):
     assert np.abs(a - b).max() > 1e-5
 
 
-COARSE = PENDULUM.replace('timestep="0.002"', 'timestep="0.008"')
+COARSE = FINE_PENDULUM.replace('timestep="0.002"', 'timestep="0.008"')
 """Where damping has both of its forms."""
 
 
@@ -163,7 +164,7 @@ def test_native_export_moves_like_the_effect(effect_id):
         assert effect_id in (
             "stribeck_friction", "load_dependent_friction", "load_dependent_friction:gear", "asymmetric_friction",
             "coulomb_friction:behind_gap",
-            *(i for i in EVERY if i.endswith((":elastic", ":falling", ":hardening", ":soft"))),
+            *(i for i in EVERY if i.endswith((":damped_motor", ":elastic", ":falling", ":hardening", ":soft"))),
             "cogging_torque", "backlash", "actuator_bias:reclipped", "actuator_deadzone:limited",
             "joint_flexibility", "actuator_deadzone", "external_force", "encoder_offset", "sensor_delay",
         )  # fmt: skip
@@ -263,7 +264,7 @@ def test_batched_windows_agree_with_single_steps(effect_id):
     from mpge_jax.diagnosis.simulation.drive_signal import Source
     from mpge_jax.diagnosis.simulation.windows import Windows
 
-    m = machine(effect_id, ARM if REGISTRY[effect_id].kinds == ("body",) else None)
+    m = machine(effect_id, FINE_ARM if REGISTRY[effect_id].kinds == ("body",) else None)
     model, steps = m.ctx.model, 40
     dt, nu = float(model.opt.timestep), model.nu
     q0, v0 = np.full(model.nq, 0.4), np.full(model.nv, 0.3)
@@ -300,7 +301,7 @@ def test_batched_windows_agree_with_single_steps(effect_id):
 
 
 def test_vectors_are_reported_as_one_parameter():
-    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(ARM)))
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(FINE_ARM)))
     payload, fore = REGISTRY["payload_mass"], Place("body", "fore", 2)
     values = payload.report(ctx, fore, np.array([[0.2, 1.0, 2.0, 3.0]]))
     assert set(values) == {"mass", "position"} and values["position"].tolist() == [[1.0, 2.0, 3.0]]
@@ -309,7 +310,7 @@ def test_vectors_are_reported_as_one_parameter():
     assert REGISTRY["com_offset"].naming(ctx, fore) == [0, 1, 2]
     entry = {"id": "payload_mass", "at": "fore", "parameters": {"mass": 0.2, "position": [1.0, 2.0]}}
     with pytest.raises(InputError, match="effects"):
-        CorrectedModel.build(mujoco.MjSpec.from_string(ARM), [entry])
+        CorrectedModel.build(mujoco.MjSpec.from_string(FINE_ARM), [entry])
 
 
 def test_an_effect_of_ones_own_in_a_few_lines():
@@ -331,11 +332,11 @@ def test_an_effect_of_ones_own_in_a_few_lines():
             def force(self, xp, ctx, place, theta, s, memory):
                 return Forces(joint=-theta[..., 0] * xp.sin(2 * s.q[..., ctx.qadr(place)])), memory
 
-        ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+        ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(FINE_PENDULUM)))
         term = Term("test_magnet", table["test_magnet"].places(ctx)[0])
         m = Machine.build(ctx, (term,), (np.array([0.3]),))
         entries = [{"id": "test_magnet", "at": "hinge", "parameters": {"strength": 0.3}}]
-        rebuilt = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), entries)
+        rebuilt = CorrectedModel.build(mujoco.MjSpec.from_string(FINE_PENDULUM), entries)
         a, b = trajectory(CStepper(m), 30, False), trajectory(rebuilt.c_stepper(), 30, False)
         np.testing.assert_array_equal(a, b)
         assert "test magnet" in term.effect.sentence(term.place, {"strength": "0.3 N m"})
@@ -352,7 +353,7 @@ def test_an_effect_of_ones_own_in_a_few_lines():
             def model(self, f, ctx, place, theta):
                 f.add("dof_damping", ctx.dof(place), theta[..., 0])
 
-        model, m = exported(PENDULUM, {"test_glue": ("hinge", [0.3])})
+        model, m = exported(FINE_PENDULUM, {"test_glue": ("hinge", [0.3])})
         assert model.dof_damping[0] == m.model.dof_damping[0] == pytest.approx(0.32)
         glue = table["test_glue"].sentence(Place("joint", "hinge", 0), {"glue": "0.30 N m s/rad"})
         assert glue == "The hinge is glued with 0.30 N m s/rad."
@@ -362,7 +363,7 @@ def test_an_effect_of_ones_own_in_a_few_lines():
 
 
 def test_a_sensor_delay_is_looked_for_below_the_sample_time():
-    ctx = nominal_context(mujoco.MjModel.from_xml_string(PENDULUM), period=0.02)
+    ctx = nominal_context(mujoco.MjModel.from_xml_string(FINE_PENDULUM), period=0.02)
     effect = REGISTRY["sensor_delay"]
     (place, *_) = effect.places(ctx)
     assert effect.starts(ctx, place).min() <= 0.005
@@ -377,7 +378,7 @@ def test_damping_has_an_explicit_form_where_the_timestep_is_coarse():
 
     ctx = context(coarse)
     (place,) = form.places(ctx)
-    assert not form.places(context(PENDULUM.replace('timestep="0.002"', 'timestep="0.0002"')))
+    assert not form.places(context(FINE_PENDULUM.replace('timestep="0.002"', 'timestep="0.0002"')))
     assert not form.places(context(coarse.replace("implicitfast", "RK4")))
     explicit = (
         '<option><flag eulerdamp="disable"/></option>' + '<option timestep="0.008" integrator="Euler"/>'
@@ -396,7 +397,7 @@ def test_damping_has_an_explicit_form_where_the_timestep_is_coarse():
 def test_a_lag_smooths_what_the_limits_let_through():
     """MuJoCo clips a command before its filter."""
     m = machine("actuator_lag")
-    spec = mujoco.MjSpec.from_string(PENDULUM)
+    spec = mujoco.MjSpec.from_string(FINE_PENDULUM)
     spec.compile()
     assert m.terms[0].effect.export(spec, m.ctx, m.terms[0].place, m.thetas[0])
     model = spec.compile()
@@ -415,10 +416,10 @@ def test_a_lag_smooths_what_the_limits_let_through():
 def test_what_a_dead_zone_lets_through_is_no_force_of_its_own():
     """Of a servo on a tendon only the last step's force is known, which is what the dead zone left."""
     tendon = '<tendon><fixed name="t"><joint joint="hinge" coef="1"/></fixed></tendon><actuator>'
-    xml = PENDULUM.replace("<actuator>", tendon).replace("<motor", '<position kp="2"')
+    xml = FINE_PENDULUM.replace("<actuator>", tendon).replace("<motor", '<position kp="2"')
     xml = xml.replace('joint="hinge" ctrlrange', 'tendon="t" ctrlrange')
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
     assert REGISTRY["actuator_deadzone"].places(ctx) == []
-    filtered = PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')
+    filtered = FINE_PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')
     ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(filtered)))
     assert len(REGISTRY["actuator_deadzone"].places(ctx)) == 1

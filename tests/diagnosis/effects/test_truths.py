@@ -23,7 +23,7 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import follows
 from mpge_jax.diagnosis.simulation.windows import Windows
-from tests.diagnosis.machines import PENDULUM, entry
+from tests.diagnosis.machines import FINE_PENDULUM, entry
 
 LINK = """<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/>"""
 
@@ -113,7 +113,7 @@ def test_behind_a_spring_back_emf_slows_the_motor_and_not_the_link():
 
 
 def test_behind_a_servo_the_motor_rests_where_spring_or_gap_and_servo_agree():
-    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(FINE_PENDULUM)))
     place, one = Place("joint", "hinge", 0), np.ones(1)
     # the servo gives 3 N m at the link's angle and 30 N m / rad less as the motor turns on
     s = Step(
@@ -182,7 +182,7 @@ def test_a_sensor_may_be_late_and_off():
         entry("encoder_offset", "hinge", "joint", offset=0.3),
         entry("sensor_delay", "hinge", "joint", delay=0.01),
     ]
-    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), entries)
+    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(FINE_PENDULUM), entries)
     stepper, engine = corrected.c_stepper(), corrected.jax_engine()
     stepper.reset(np.array([0.5]), np.zeros(1))
     past, speeds = [], []
@@ -201,8 +201,8 @@ def test_a_sensor_may_be_late_and_off():
 
 def test_delays_are_exported_as_fine_as_they_were_fitted():
     late = entry("actuator_delay", "motor", "actuator", delay=0.0051)
-    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), [late]).c_stepper()
-    _, model, native = _exported(PENDULUM, late)
+    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(FINE_PENDULUM), [late]).c_stepper()
+    _, model, native = _exported(FINE_PENDULUM, late)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     corrected.reset(np.zeros(1), np.zeros(1))
     assert native == [True]

@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import _better, _tried, fit, timing_error
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, refined
-from tests.diagnosis.machines import BOX, COARSE, PENDULUM, really_sticks, record
+from tests.diagnosis.machines import BOX, FINE_PENDULUM, PENDULUM, really_sticks, record
 from tests.diagnosis.searches import COULOMB, DAMPING, HINGE, fitted, search_of
 
 
@@ -40,8 +40,8 @@ def test_drag_of_a_body_is_sized_by_how_fast_that_body_moves(sliding):
     assert term.params(p.ctx)[0].scale == pytest.approx(0.1 * p.ctx.weight / p.ctx.body_speed[1] ** 2)
 
 
-def test_steps_are_stretched_where_there_are_contacts_alone(sliding, rubbing):
-    (s, _), (smooth, _) = sliding, rubbing
+def test_steps_are_stretched_where_there_are_contacts_alone(sliding, rubbing_finely):
+    (s, _), (smooth, _) = sliding, rubbing_finely
     term = next(t for t in s.terms if t.id == "viscous_damping")
     start = fitted(s, {term: [1.0]})
     problem = Problem(start, term.params(s.sim.ctx))
@@ -52,9 +52,9 @@ def test_steps_are_stretched_where_there_are_contacts_alone(sliding, rubbing):
     assert beyond(problem, np.array([1.5]), smooth.sim.ctx) == []
 
 
-def test_a_step_that_goes_nowhere_is_no_gain(rubbing):
+def test_a_step_that_goes_nowhere_is_no_gain(rubbing_finely):
     """By cheaper steps a loss may be another one at the same parameters; a direction of no length has no slope."""
-    s, _ = rubbing
+    s, _ = rubbing_finely
     f = replace(fitted(s, {DAMPING: [0.02]}), loss=np.inf)
     problem, white = Problem(f, f.hypothesis.params(s.sim.ctx)), s.whiten_one(f, s.train)
     assert not _tried(s.sim, [(problem, f.theta.copy())], s.train, white)
@@ -63,8 +63,8 @@ def test_a_step_that_goes_nowhere_is_no_gain(rubbing):
     assert better.theta == f.theta + 0.01
 
 
-def test_detours_are_taken_at_first_and_then_where_slopes_lead_nowhere(rubbing, monkeypatch):
-    s, _ = rubbing
+def test_detours_are_taken_at_first_and_then_where_slopes_lead_nowhere(rubbing_finely, monkeypatch):
+    s, _ = rubbing_finely
     aside, seen = 0.7, []
 
     def tried(sim, trials, w, white):
@@ -96,7 +96,7 @@ def test_the_number_of_cogs_is_found_from_a_wrong_one():
     def cogs(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
         data.qfrc_applied[0] = amplitude * np.sin(periods * data.qpos[0])
 
-    s, p = search_of(PENDULUM, record(PENDULUM, 0.5, force=cogs, seconds=3.0))
+    s, p = search_of(FINE_PENDULUM, record(FINE_PENDULUM, 0.5, force=cogs, seconds=3.0))
     term = Term("cogging_torque", HINGE)
     travel = float(np.ptp(p.ctx.samples.q[:, 0]))
     middle = float(np.median(p.ctx.samples.q[:, 0]))
@@ -168,7 +168,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
         really_sticks(model, 0)
 
     for seed in range(12):
-        s, p = search_of(COARSE, record(COARSE, 0.8, change=change, noise=1e-3, seed=seed))
+        s, p = search_of(PENDULUM, record(PENDULUM, 0.8, change=change, noise=1e-3, seed=seed))
         near, _ = final_fit(s, fitted(s, {t: [v] for t, v in true.items()}))
         f = refined(s, near, p.windows("train", p.config.report_s, 60))
         for t, part in zip(f.hypothesis.terms, f.hypothesis.slices(s.sim.ctx), strict=True):

@@ -28,7 +28,7 @@ from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.scales import _beside_contacts
 from mpge_jax.diagnosis.simulation.windows import cut
-from tests.diagnosis.machines import ARM, BOX, PENDULUM, excitation, record
+from tests.diagnosis.machines import BOX, FINE_ARM, FINE_PENDULUM, excitation, record
 from tests.diagnosis.searches import COULOMB, DAMPING, search_of
 
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
@@ -54,7 +54,7 @@ def _loss(s: Search, f: Fitted) -> float:
 def elastic() -> Search:
     """A pendulum whose motor swings behind a soft spring."""
     entry = {"id": "joint_flexibility", "at": "hinge", "kind": "joint", "parameters": FLEXIBLE}
-    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), [entry])
+    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(FINE_PENDULUM), [entry])
     rng, runs = np.random.default_rng(0), []
     for k in range(3):
         stepper, rows = corrected.c_stepper(), []
@@ -65,7 +65,7 @@ def elastic() -> Search:
             stepper.step(u, 5)
         t, q, u = (np.array(x) for x in zip(*rows, strict=True))
         runs.append(Recording(f"run_{k}", t, q + 1e-4 * rng.standard_normal(q.shape), None, u))
-    return _search(PENDULUM, runs)
+    return _search(FINE_PENDULUM, runs)
 
 
 def test_a_motor_behind_a_spring_starts_as_the_recording_left_it(elastic, monkeypatch):
@@ -142,7 +142,7 @@ def test_soft_and_stiff_springs_are_tried(elastic):
 def test_a_delay_within_a_period_is_found_in_coarse_steps_too(timestep):
     """Predictions have a kink at whole periods, and long semi-implicit steps are no Runge-Kutta's."""
     late, rows = 0.012, 0.02
-    xml = PENDULUM.replace('"0.002"', f'"{timestep}"').replace("implicitfast", "RK4")
+    xml = FINE_PENDULUM.replace('"0.002"', f'"{timestep}"').replace("implicitfast", "RK4")
     rng, runs = np.random.default_rng(0), []
     for k in range(4):
         model = mujoco.MjModel.from_xml_string(xml)
@@ -178,7 +178,7 @@ def test_what_contacts_could_be_is_no_missing_force():
     mujoco.mj_forward(model, data)
     # the floor can push the box up and along
     np.testing.assert_allclose(_beside_contacts(model, data), 0.0, atol=1e-9)
-    leg = ARM.replace(
+    leg = FINE_ARM.replace(
         "<worldbody>", '<worldbody><geom name="floor" type="plane" size="5 5 1" pos="0 0 -.5"/>'
     )
     leg = leg.replace('fromto="0 0 0 0 0 -.25" size=".025" mass=".6" contype="0" conaffinity="0"',
@@ -223,7 +223,7 @@ def test_cogs_are_guessed_from_the_missing_torque():
     def cogs(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
         data.qfrc_applied[0] = 0.06 * np.sin(25.0 * data.qpos[0] + 0.7)
 
-    s = _search(PENDULUM, record(PENDULUM, 0.5, force=cogs, noise=1e-5))
+    s = _search(FINE_PENDULUM, record(FINE_PENDULUM, 0.5, force=cogs, noise=1e-5))
     a, b, n = REGISTRY["cogging_torque"].starts(s.sim.ctx, HINGE)[0]
     assert n == pytest.approx(25.0, abs=0.5)
     assert [a, b] == pytest.approx([0.06 * np.cos(0.7), 0.06 * np.sin(0.7)], abs=0.02)
@@ -285,7 +285,7 @@ def test_a_law_of_friction_is_no_worse_in_screening_than_a_plain_one_that_it_con
     def damped(model: mujoco.MjModel) -> None:
         model.dof_damping[:] += 0.3
 
-    s = _search(PENDULUM, record(PENDULUM, [0.5], change=damped, count=4))
+    s = _search(FINE_PENDULUM, record(FINE_PENDULUM, [0.5], change=damped, count=4))
     sample = s.sample(NOTHING, s.whiten_one(NOTHING, s.train))
     found = {str(f.hypothesis.terms[0]): f.loss for f in s.screened(NOTHING, sample, s.terms)}
     assert found["asymmetric_friction@hinge"] <= 1.001 * found["viscous_damping@hinge"]

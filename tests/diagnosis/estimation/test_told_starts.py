@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors, noise_floor, numerical_floor
 from mpge_jax.diagnosis.estimation.told_starts import left_open, told
 from mpge_jax.diagnosis.estimation.whitening import STEP, column_scale
-from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.machines import FINE_ARM, record
 from tests.diagnosis.searches import COULOMB, prepared_of
 
 TRUTH = Fitted(Hypothesis.of(COULOMB), np.array([0.1]), np.array([0.1]))
@@ -64,7 +64,7 @@ def test_less_is_left_open_than_before_and_errors_are_as_large_as_that(null):
 
 def test_predictions_with_the_steps_of_the_recordings_are_as_good_as_noise_lets_them_be():
     """A stiff servo, recorded in half the model's steps."""
-    stiff = ARM.replace('kp="8" kv="0.4"', 'kp="40" kv="1"')
+    stiff = FINE_ARM.replace('kp="8" kv="0.4"', 'kp="40" kv="1"')
     recordings = record(stiff.replace('"0.002"', '"0.01"'), [0.4, 0.8], noise=1e-5)
     p = prepared_of(stiff.replace('"0.002"', '"0.005"'), recordings)
     w = p.windows("test", 0.5, 6)

@@ -8,7 +8,7 @@ import numpy as np
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, Left, floor
-from tests.diagnosis.machines import FLYER, PENDULUM, record
+from tests.diagnosis.machines import FINE_PENDULUM, FLYER, record
 from tests.diagnosis.searches import prepared_of
 
 
@@ -37,7 +37,9 @@ def test_more_is_left_by_the_mean_or_in_several_windows_far_beyond():
 
 def test_the_floor_is_what_a_true_model_leaves():
     """The start is smoothed from the same rows as it is compared with, so its error and theirs are not independent."""
-    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), record(PENDULUM, 0.8, noise=1e-3), Config(jobs=1))
+    d = diagnose(
+        mujoco.MjSpec.from_string(FINE_PENDULUM), record(FINE_PENDULUM, 0.8, noise=1e-3), Config(jobs=1)
+    )
     assert d.verdict == "none"
     assert 0.5 < d.held.after.rms / d.held.floor < 1.6
 

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis import Recording
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.whitening import BEFORE, nuisances
 from mpge_jax.diagnosis.selection.remainder import leaves
-from tests.diagnosis.machines import PENDULUM
+from tests.diagnosis.machines import FINE_PENDULUM
 from tests.diagnosis.searches import DAMPING, MOTOR, fitted, search_of
 
 DELAY = Term("actuator_delay", MOTOR)
@@ -20,7 +20,7 @@ LATE, RATE, ROWS, FIRST = 2, 50, 30, 0.0
 
 @pytest.fixture(scope="module")
 def episodes() -> list[Recording]:
-    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    model = mujoco.MjModel.from_xml_string(FINE_PENDULUM)
     rng, out = np.random.default_rng(0), []
     for k in range(16):
         data, rows, held = mujoco.MjData(model), [], [FIRST] * LATE
@@ -37,7 +37,7 @@ def episodes() -> list[Recording]:
 
 
 def test_what_was_commanded_before_counts_for_late_actuators_at_the_beginning_alone(episodes):
-    s, _ = search_of(PENDULUM, episodes)
+    s, _ = search_of(FINE_PENDULUM, episodes)
     f = fitted(s, {DELAY: [LATE / RATE]})
     changes = nuisances(s.sim, f.hypothesis, f.theta, s.train)
     (change,) = [x for kind, x in changes.items() if kind.startswith(BEFORE)]

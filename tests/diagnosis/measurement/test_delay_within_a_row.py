@@ -20,11 +20,11 @@ from mpge_jax.diagnosis.recordings.recording import rows_of, validate
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.simulation.actuator_state import settling
 from mpge_jax.diagnosis.simulation.drive_signal import Source
-from tests.diagnosis.machines import PENDULUM, excitation
+from tests.diagnosis.machines import FINE_PENDULUM, excitation
 
 PERIOD, STEP = 0.01, 0.0005
 # in coarser steps a machine answers half a step earlier
-FINE = PENDULUM.replace('timestep="0.002"', f'timestep="{STEP}"')
+FINE = FINE_PENDULUM.replace('timestep="0.002"', f'timestep="{STEP}"')
 
 
 def _recordings(delay: float, friction: float = 0.0, rows_each: int = 300) -> list[Recording]:
@@ -94,7 +94,7 @@ def test_a_force_begins_when_its_command_arrives():
     # the command of 0 makes the force of 0.2: it begins at 0.13, the next one at 0.23
     late = arriving(source, {0: 0.13})
     np.testing.assert_allclose(late.mean_command(time)[2:, 0], [0.3 * 3 + 0.7 * 2, 2.0], atol=1e-12)
-    assert settling(late, mujoco.MjModel.from_xml_string(PENDULUM)) == pytest.approx(
+    assert settling(late, mujoco.MjModel.from_xml_string(FINE_PENDULUM)) == pytest.approx(
         0.08
     )  # a fifth of the log
     # one of whole rows is in the forces as it is

@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.measurement.encoder_zeros import (
     other_zeros,
     with_zeros,
 )
-from tests.diagnosis.machines import ARM, BOX, COARSE_ARM, really_sticks, record
+from tests.diagnosis.machines import ARM, BOX, really_sticks, record
 from tests.diagnosis.searches import prepared_of
 
 SIZE = [1.5, 0.6]
@@ -87,7 +87,7 @@ def test_a_held_out_session_with_other_zeros_does_not_hide_what_is_missing():
         model.dof_frictionloss[0] = 0.3
         really_sticks(model, 0)
 
-    runs = shifted(record(COARSE_ARM, SIZE, rub, count=5, seconds=4.0), {1: [0.03, 0.05], 4: [0.06, -0.05]})
+    runs = shifted(record(ARM, SIZE, rub, count=5, seconds=4.0), {1: [0.03, 0.05], 4: [0.06, -0.05]})
     tried = (
         "coulomb_friction",
         "encoder_offset",
@@ -95,7 +95,7 @@ def test_a_held_out_session_with_other_zeros_does_not_hide_what_is_missing():
         "actuator_bias",
     )
     config = Config(jobs=1, quiet=True, held_out=("run_4",), effects=tried)
-    d = diagnose(mujoco.MjSpec.from_string(COARSE_ARM), runs, config)
+    d = diagnose(mujoco.MjSpec.from_string(ARM), runs, config)
     assert d.verdict == "effects" and [str(t) for t in d.terms] == ["coulomb_friction@shoulder"]
     assert d.fit.theta == pytest.approx([0.3], rel=0.03)
     assert any("zeros differ between recordings" in w and "run_4" in w for w in d.warnings)

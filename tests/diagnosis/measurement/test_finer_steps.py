@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
 from tests.diagnosis.machines import ARM, record
 from tests.diagnosis.searches import fitted, search_of
 
-STIFF = ARM.replace('kp="8" kv="0.4"', 'kp="40" kv="1"').replace('"0.002"', '"0.004"')
+STIFF = ARM.replace('kp="8" kv="0.4"', 'kp="40" kv="1"').replace('"0.005"', '"0.004"')
 
 
 def _loaded(model: mujoco.MjModel) -> None:

@@ -77,9 +77,9 @@ def test_a_spring_that_yields_and_remembers_is_learned():
     assert [a.input for a in function.axes] == ["z"] and 0.07 < function.axes[0].high < 0.3
 
 
-def test_functions_are_judged_by_recordings_that_they_were_not_fitted_to(rubbing_coarsely, monkeypatch):
+def test_functions_are_judged_by_recordings_that_they_were_not_fitted_to(rubbing, monkeypatch):
     """Parts of one recording are much alike: what is told of one part is known of the other."""
-    s, p = rubbing_coarsely
+    s, p = rubbing
     p, folds = p.all_to_train(), []
     monkeypatch.setattr(motion, "best_function", lambda _candidates, fold: folds.append(fold))
     assert motion.functions_of_motion(p, s, NOTHING, ["hinge"]) == ([], NOTHING)
@@ -107,17 +107,17 @@ def test_windows_tell_how_fine_a_function_is(width, values):
     assert chosen.effect.counts == (values,) and chosen.values.size == values
 
 
-def test_where_nothing_is_left_there_is_no_function(rubbing_coarsely):
-    s, p = rubbing_coarsely
+def test_where_nothing_is_left_there_is_no_function(rubbing):
+    s, p = rubbing
     f = fitted(s, {COULOMB: [0.1]})
     held = fit_report(p, f, "test")
     assert residual_of_motion(p, s, f, ["hinge"], (p, f), held) is None
     assert residual_of_motion(p, s, f, ["no joint"], (p, f), held) is None
 
 
-def test_it_is_judged_on_the_machine_whose_errors_are_shown(rubbing_coarsely, monkeypatch):
+def test_it_is_judged_on_the_machine_whose_errors_are_shown(rubbing, monkeypatch):
     """A machine that measured forces drive may be shown driven by its commands, with what was found between the two."""
-    s, p = rubbing_coarsely
+    s, p = rubbing
     effect = Residual((Axis("v", -3.0, 3.0),), 3.0)
     term, theta = Term(effect.id, HINGE), -0.1 * np.sign(np.linspace(-1, 1, 9))
     function = Function(term, theta, None)
@@ -140,8 +140,8 @@ def test_it_is_judged_on_the_machine_whose_errors_are_shown(rubbing_coarsely, mo
     )
 
 
-def test_places_are_joints_or_those_that_actuators_drive(rubbing_coarsely):
-    _, p = rubbing_coarsely
+def test_places_are_joints_or_those_that_actuators_drive(rubbing):
+    _, p = rubbing
     assert places_of(p, ["motor", "hinge", "arm"]) == [HINGE]
     values = seen(p, HINGE)
     assert {key[0] for key in values} == set("qvflz") and len({len(x) for x in values.values()}) == 1
@@ -149,8 +149,8 @@ def test_places_are_joints_or_those_that_actuators_drive(rubbing_coarsely):
     np.testing.assert_allclose(values["l"], -0.5 * 9.81 * 0.15 * np.sin(values["q"]), rtol=1e-3, atol=1e-6)
 
 
-def test_a_force_that_drives_a_joint_on_does_not_run_away(rubbing_coarsely, monkeypatch):
-    _, p = rubbing_coarsely
+def test_a_force_that_drives_a_joint_on_does_not_run_away(rubbing, monkeypatch):
+    _, p = rubbing
     effect = Residual((Axis("v", -3.0, 3.0),), 3.0)
     drives = with_function(p.ctx, NOTHING, Term(effect.id, HINGE), 0.5 * np.linspace(-1, 1, 9))
     speeds = roll_out.greatest_speeds(p, [drives, NOTHING])

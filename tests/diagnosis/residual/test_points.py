@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.force_balance.force_errors import force_errors
 from mpge_jax.diagnosis.force_balance.tracks import Resolution
 from mpge_jax.diagnosis.residual.model import Function
 from mpge_jax.diagnosis.residual.points import MOST, missing_in_forces, missing_in_motion
-from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.machines import FINE_PENDULUM, record
 from tests.diagnosis.searches import COULOMB, HINGE, fitted, prepared_of, search_of
 from tests.diagnosis.verdict.test_forces_given import MOTORS, bench
 
@@ -36,7 +36,7 @@ def test_a_motion_shows_the_force_that_its_model_lacks():
     def drag(_model, data):
         data.qfrc_applied[0] = -0.03 * data.qvel[0] * np.abs(data.qvel[0])
 
-    p = prepared_of(PENDULUM, record(PENDULUM, 1.0, force=drag, seconds=2.5))
+    p = prepared_of(FINE_PENDULUM, record(FINE_PENDULUM, 1.0, force=drag, seconds=2.5))
     points = missing_in_motion(p, NOTHING, of(HINGE, Axis("v", -4.0, 4.0), size=0.5))
     (v,) = points.inputs
     assert points.force.size > 20 and np.ptp(v) > 4.0
@@ -45,8 +45,8 @@ def test_a_motion_shows_the_force_that_its_model_lacks():
     assert np.corrcoef(points.force, planted)[0, 1] > 0.99
 
 
-def test_what_is_named_is_not_missing(rubbing):
-    s, p = rubbing
+def test_what_is_named_is_not_missing(rubbing_finely):
+    s, p = rubbing_finely
     function = of(HINGE, Axis("v", -3.0, 3.0))
     for fit, left in ((NOTHING, 0.1), (fitted(s, {COULOMB: [0.1]}), 0.0)):
         points = missing_in_motion(p, fit, function)
@@ -80,8 +80,8 @@ def test_measured_forces_show_what_the_motion_does_not_explain():
 
 
 def test_slight_forces_are_told_over_longer_pieces():
-    recordings = record(PENDULUM, 1.0, seconds=2.5, noise=2e-3)
-    _, p = search_of(PENDULUM, recordings)
+    recordings = record(FINE_PENDULUM, 1.0, seconds=2.5, noise=2e-3)
+    _, p = search_of(FINE_PENDULUM, recordings)
     strong, weak = (
         missing_in_motion(p, NOTHING, of(HINGE, Axis("v", -4.0, 4.0), size=size)).force.size
         for size in (100.0, 1e-3)

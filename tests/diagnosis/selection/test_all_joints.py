@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.selection import all_joints
 from mpge_jax.diagnosis.selection.all_joints import everywhere
 from mpge_jax.diagnosis.selection.competition import at_noise
-from tests.diagnosis.machines import ARM, really_sticks, record
+from tests.diagnosis.machines import ARM, FINE_ARM, really_sticks, record
 from tests.diagnosis.searches import search_of
 
 FRICTION, ROTOR = np.array([0.25, 0.12]), np.array([0.03, 0.02])
@@ -92,10 +92,10 @@ def test_what_all_drives_have_in_common_is_found_together(effect, size):
         model.dof_frictionloss[:] = FRICTION
 
     late = round(100 * size) if effect == "actuator_delay" else 0
-    recordings = record(ARM, [4.0, 0.8], change=change, count=4)
+    recordings = record(FINE_ARM, [4.0, 0.8], change=change, count=4)
     recordings = [replace(r, ctrl=np.roll(r.known("ctrl"), -late, axis=0)) for r in recordings]
     recordings = [rows_of(r, slice(0, r.time.size - late), r.name) for r in recordings]
-    s = search_of(ARM, recordings)[0]
+    s = search_of(FINE_ARM, recordings)[0]
     found = everywhere(s, _fitted(s, {"coulomb_friction@shoulder": float(FRICTION[0])}))
     parts = {str(t): float(x[0]) for t, x in found.hypothesis.split(s.sim.ctx, found.theta).items()}
     drives = [f"{effect}@shoulder_motor", f"{effect}@elbow_servo"]

@@ -7,7 +7,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.selection import alternatives
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
-from tests.diagnosis.machines import COARSE, really_sticks, record
+from tests.diagnosis.machines import PENDULUM, really_sticks, record
 from tests.diagnosis.searches import COULOMB, DAMPING, HINGE, MOTOR, fitted, search_of
 
 BIAS, BY_DIRECTION = Term("actuator_bias", MOTOR), Term("asymmetric_friction", HINGE)
@@ -15,7 +15,7 @@ BIAS, BY_DIRECTION = Term("actuator_bias", MOTOR), Term("asymmetric_friction", H
 
 def _settled(change, *terms: Term) -> Hypothesis:
     """What is left of some effects of a motor's joint once a better rival has taken the place of one."""
-    s, _ = search_of(COARSE, record(COARSE, 0.8, change=change[0], force=change[1], seconds=3.0))
+    s, _ = search_of(PENDULUM, record(PENDULUM, 0.8, change=change[0], force=change[1], seconds=3.0))
     f, whites = final_fit(s, fitted(s, {t: [0.03] for t in terms}))
     better = better_rival(find_rivals(s, s.score([f], whites)[0], whites, []))
     return f.hypothesis if better is None else prune(s, better.fit).hypothesis

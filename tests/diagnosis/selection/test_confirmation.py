@@ -13,16 +13,16 @@ from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.selection import confirmation
 from mpge_jax.diagnosis.selection.confirmation import confirmed, refitted
-from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.machines import FINE_ARM, record
 from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, fitted, search_of, slight
 
 WINDOWS = 60
 
 
 @pytest.mark.parametrize("part", ["choice", "test"])
-def test_an_effect_that_helps_no_other_recording_goes(rubbing, part):
+def test_an_effect_that_helps_no_other_recording_goes(rubbing_finely, part):
     """The truth is dry friction of 0.1 N m; nothing is wrong with the gain."""
-    s, p = rubbing
+    s, p = rubbing_finely
     for parts, stay in (
         ({COULOMB: [0.1]}, {COULOMB}),
         ({COULOMB: [0.6]}, set()),
@@ -35,8 +35,8 @@ def test_an_effect_that_helps_no_other_recording_goes(rubbing, part):
     assert confirmed(p, s, NOTHING, part)[2] == []
 
 
-def test_the_others_are_fitted_again(rubbing):
-    s, p = rubbing
+def test_the_others_are_fitted_again(rubbing_finely):
+    s, p = rubbing_finely
     f, _, _ = confirmed(p, s, fitted(s, {COULOMB: [0.15], GAIN: [1.3]}), "choice")
     assert f.theta == pytest.approx([0.1], rel=0.1)
 
@@ -47,7 +47,7 @@ def test_an_effect_is_confirmed_though_the_models_steps_miss_more_than_it_explai
     def change(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0] = 0.02
 
-    stiff = ARM.replace('kp="8" kv="0.4"', 'kp="40" kv="1"')
+    stiff = FINE_ARM.replace('kp="8" kv="0.4"', 'kp="40" kv="1"')
     # four times finer than these
     recordings = record(stiff.replace('"0.002"', '"0.01"'), [4.0, 0.8], change=change, noise=1e-5, count=8)
     s, p = search_of(stiff.replace('"0.002"', '"0.005"'), recordings)
@@ -83,23 +83,25 @@ def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
     monkeypatch.setattr(confirmation, "_adds", lambda p, f, term, w, here: 0.0)
 
 
-def test_what_many_explain_a_little_is_not_given_up_one_by_one(rubbing, monkeypatch):
-    s, p = rubbing
+def test_what_many_explain_a_little_is_not_given_up_one_by_one(rubbing_finely, monkeypatch):
+    s, p = rubbing_finely
     terms = (COULOMB, DAMPING, GAIN, ARMATURE)
     _by_hand(monkeypatch, dict(zip(terms, slight(4, WINDOWS), strict=True)))
     f, _, gone = confirmed(p, s, fitted(s, {t: [0.1] for t in terms}), "test")
     assert len(gone) == 1 and len(f.hypothesis.terms) == 3
 
 
-def test_two_that_help_together_stay_though_neither_is_sure_beside_the_model_as_given(rubbing, monkeypatch):
-    s, p = rubbing
+def test_two_that_help_together_stay_though_neither_is_sure_beside_the_model_as_given(
+    rubbing_finely, monkeypatch
+):
+    s, p = rubbing_finely
     _by_hand(monkeypatch, dict(zip((COULOMB, GAIN), slight(2, WINDOWS), strict=True)), far=0.0)
     f, report, gone = confirmed(p, s, fitted(s, {COULOMB: [0.1], GAIN: [1.1]}), "test")
     assert not gone and len(f.hypothesis.terms) == 2 and report.after.rms < report.before.rms
 
 
-def test_what_others_do_not_show_goes_and_that_is_said(rubbing, monkeypatch):
-    s, p = rubbing
+def test_what_others_do_not_show_goes_and_that_is_said(rubbing_finely, monkeypatch):
+    s, p = rubbing_finely
     _by_hand(monkeypatch, {COULOMB: np.full(WINDOWS, 500.0) + np.arange(WINDOWS), GAIN: np.zeros(WINDOWS)})
     f, _, gone = confirmed(p, s, fitted(s, {COULOMB: [0.1], GAIN: [1.1]}), "test")
     assert gone == [GAIN] and f.hypothesis.terms == (COULOMB,)
@@ -139,9 +141,9 @@ def test_windows_in_which_something_else_acts_have_no_more_say_than_others(after
     assert back == pytest.approx(-ratio)
 
 
-def test_what_harms_is_no_measure_of_what_is_missed(rubbing, monkeypatch):
+def test_what_harms_is_no_measure_of_what_is_missed(rubbing_finely, monkeypatch):
     """Without the gain all windows are better; the others' slight shares are then missed from there on."""
-    s, p = rubbing
+    s, p = rubbing_finely
     terms = (COULOMB, DAMPING, ARMATURE)
     _by_hand(
         monkeypatch, {**dict(zip(terms, slight(3, WINDOWS), strict=True)), GAIN: np.full(WINDOWS, -30.0)}
@@ -150,9 +152,9 @@ def test_what_harms_is_no_measure_of_what_is_missed(rubbing, monkeypatch):
     assert gone[0] == GAIN and len(gone) == 2 and len(f.hypothesis.terms) == 2
 
 
-def test_what_holds_a_machine_where_it_is_adds_to_the_missing_force_and_goes(rubbing):
+def test_what_holds_a_machine_where_it_is_adds_to_the_missing_force_and_goes(rubbing_finely):
     """The truth is dry friction of 0.1 N m; far too much inertia would need forces that nobody gave."""
-    s, p = rubbing
+    s, p = rubbing_finely
     w = p.windows("choice", confirmation.SHORT, WINDOWS, seed=1)
     inertia = 30.0
     heavy = fitted(s, {ARMATURE: [inertia]})

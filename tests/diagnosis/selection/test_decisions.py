@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined
 from mpge_jax.diagnosis.selection.criteria import choose, needed
 from mpge_jax.diagnosis.selection.forward_selection import search
-from tests.diagnosis.machines import PENDULUM, really_sticks, record
+from tests.diagnosis.machines import FINE_PENDULUM, really_sticks, record
 from tests.diagnosis.searches import (
     ARMATURE,
     COULOMB,
@@ -65,8 +65,8 @@ def test_nothing_is_looked_for_at_the_noise(null, monkeypatch):
     assert not f.hypothesis.terms and not last
 
 
-def test_a_fit_that_names_nothing_gives_way_to_one_that_does(rubbing):
-    s, _ = rubbing
+def test_a_fit_that_names_nothing_gives_way_to_one_that_does(rubbing_finely):
+    s, _ = rubbing_finely
     unknown = dataclasses.replace(fitted(s, {STRIBECK: [0.1, 0.1, 0.2]}), cov=np.diag([1e-6, 1.0, 1e-6]))
     known = dataclasses.replace(fitted(s, {COULOMB: [0.1]}), cov=np.diag([1e-6]))
     losses = np.ones(40), np.ones(20)
@@ -74,29 +74,29 @@ def test_a_fit_that_names_nothing_gives_way_to_one_that_does(rubbing):
     assert choose(s, ranked).fit.hypothesis == known.hypothesis
 
 
-def test_elaborate_friction_is_screened_only_where_plain_friction_helps(null, rubbing):
-    for (s, _), expected in ((null, False), (rubbing, True)):
+def test_elaborate_friction_is_screened_only_where_plain_friction_helps(null, rubbing_finely):
+    for (s, _), expected in ((null, False), (rubbing_finely, True)):
         white = s.whiten_one(NOTHING, s.train)
         found = screen(s.sim, NOTHING, s.terms, *s.sample(NOTHING, white))
         assert any(t.id in ELABORATE for f in found for t in f.hypothesis.terms) == expected
 
 
-def test_a_start_that_is_far_too_large_does_not_hide_an_effect(rubbing, monkeypatch):
-    s, _ = rubbing
+def test_a_start_that_is_far_too_large_does_not_hide_an_effect(rubbing_finely, monkeypatch):
+    s, _ = rubbing_finely
     monkeypatch.setattr(type(COULOMB.effect), "starts", lambda *_args: np.array([[1.5]]))
     sample = s.sample(NOTHING, s.whiten_one(NOTHING, s.train))
     (f,) = screen(s.sim, NOTHING, [COULOMB], *sample)
     assert f.theta[0] == pytest.approx(0.1, rel=0.5)
 
 
-def test_pruning_keeps_what_is_needed_in_its_plainest_form(rubbing):
-    s, _ = rubbing
+def test_pruning_keeps_what_is_needed_in_its_plainest_form(rubbing_finely):
+    s, _ = rubbing_finely
     f, _ = final_fit(s, fitted(s, {STRIBECK: [0.1, 0.1, 0.5], GAIN: [1.0]}))
     assert prune(s, f).hypothesis.terms == (COULOMB,)
 
 
-def test_a_wrong_term_is_exchanged(rubbing):
-    s, _ = rubbing
+def test_a_wrong_term_is_exchanged(rubbing_finely):
+    s, _ = rubbing_finely
     f, whites = final_fit(s, fitted(s, {ARMATURE: [0.001]}))
     rivals = find_rivals(s, s.score([f], whites)[0], whites, [])
     better = better_rival(rivals)
@@ -125,8 +125,8 @@ def test_who_is_beyond_doubt_does_not_wait_for_a_better_one_who_is_not(null, mon
         assert s.log[-1].endswith(best if accepted else f"{best} (not accepted)")
 
 
-def test_longer_windows_refine_parameters_and_intervals_hold_the_disagreement(rubbing):
-    s, p = rubbing
+def test_longer_windows_refine_parameters_and_intervals_hold_the_disagreement(rubbing_finely):
+    s, p = rubbing_finely
     longer = p.windows("train", p.config.report_s, 60)
     near, _ = final_fit(s, fitted(s, {COULOMB: [0.1]}))
     agreed = refined(s, near, longer)
@@ -144,7 +144,7 @@ def test_a_machine_without_actuators_is_diagnosed_from_its_swings():
         model.dof_frictionloss[0] = 0.05
         really_sticks(model, 0)
 
-    xml = PENDULUM[: PENDULUM.index("<actuator>")] + "</mujoco>"
+    xml = FINE_PENDULUM[: FINE_PENDULUM.index("<actuator>")] + "</mujoco>"
     recordings = [dataclasses.replace(r, ctrl=None) for r in record(xml, 1.0, change=change)]
     effects = ("coulomb_friction", *(i for i in MISTAKEN_FOR_FRICTION if i != "actuator_deadzone"))
     d = diagnose(mujoco.MjSpec.from_string(xml), recordings, Config(jobs=1, effects=effects))
@@ -158,12 +158,12 @@ def test_a_slight_effect_is_found_in_longer_windows():
         model.dof_frictionloss[0] = 0.006
         really_sticks(model, 0)
 
-    recordings = record(PENDULUM, 0.8, change=change, noise=2e-3, count=8, seconds=6.0)
+    recordings = record(FINE_PENDULUM, 0.8, change=change, noise=2e-3, count=8, seconds=6.0)
     config = Config(jobs=1, effects=("coulomb_friction", *MISTAKEN_FOR_FRICTION))
-    d = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, config)
+    d = diagnose(mujoco.MjSpec.from_string(FINE_PENDULUM), recordings, config)
     assert d.terms == (COULOMB,)
     assert d.fit.theta[0] == pytest.approx(0.006, rel=0.1)
     # windows of a quarter second alone do not show it, even where nothing else is looked for
     config = Config(jobs=1, effects=("coulomb_friction",), report_s=0.25)
-    again = diagnose(mujoco.MjSpec.from_string(PENDULUM), recordings, config)
+    again = diagnose(mujoco.MjSpec.from_string(FINE_PENDULUM), recordings, config)
     assert again.verdict == "none"

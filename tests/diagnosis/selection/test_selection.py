@@ -27,7 +27,7 @@ from mpge_jax.diagnosis.selection.search_state import MANY, WORK
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.thresholds import AT_NOISE, LOUD
-from tests.diagnosis.machines import ARM, PENDULUM, SERVO, record
+from tests.diagnosis.machines import ARM, FINE_ARM, FINE_PENDULUM, PENDULUM, SERVO, record
 from tests.diagnosis.searches import fitted, prepared_of
 
 
@@ -208,7 +208,7 @@ def test_what_one_joint_lacks_does_not_drown_in_what_noise_leaves_of_all(monkeyp
 
 def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
     """MuJoCo's Euler takes a servo's damping at the old speed, implicitfast at the new one."""
-    stiff = ARM.replace('kp="8" kv="0.4"', 'kp="60" kv="1.5"')
+    stiff = FINE_ARM.replace('kp="8" kv="0.4"', 'kp="60" kv="1.5"')
     explicit = stiff.replace('"implicitfast"', '"Euler"').replace('"0.002"', '"0.004"')
     s = _search(prepared_of(stiff, record(explicit, 0.8, noise=3e-6)))
     nothing = Run(NOTHING.hypothesis, NOTHING.theta)
@@ -224,7 +224,7 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
 @pytest.mark.parametrize(("timestep", "warned"), [("0.002", True), ("0.008", False)])
 def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
     """Recordings are made with a quarter of the timestep."""
-    p = prepared_of(PENDULUM, record(PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
+    p = prepared_of(FINE_PENDULUM, record(FINE_PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
     amounts, told = numerics_seen(p, NOTHING)
     assert any("move as with a finer timestep" in x for x in told) == (STEP in amounts) == warned
     assert not any("another moment" in x for x in told)

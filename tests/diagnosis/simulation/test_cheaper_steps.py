@@ -12,16 +12,16 @@ from mpge_jax.diagnosis.estimation.whitening import start_runs
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.cheaper_steps import Near, changes, stride
 from mpge_jax.diagnosis.simulation.windows import Windows
-from tests.diagnosis.machines import ARM, BOX, PENDULUM, record
+from tests.diagnosis.machines import BOX, FINE_ARM, FINE_PENDULUM, record
 from tests.diagnosis.searches import DAMPING, fitted, prepared_of, search_of
 
-RUNGE_KUTTA = PENDULUM.replace("implicitfast", "RK4")
-FEW = PENDULUM.replace('timestep="0.002"', 'timestep="0.01"')
+RUNGE_KUTTA = FINE_PENDULUM.replace("implicitfast", "RK4")
+FEW = FINE_PENDULUM.replace('timestep="0.002"', 'timestep="0.01"')
 # A period of 0.03 s, which steps of 0.002 s follow and longer ones do not.
-STIFF = PENDULUM.replace('damping="0.02"', 'damping="0.02" stiffness="800"')
+STIFF = FINE_PENDULUM.replace('damping="0.02"', 'damping="0.02" stiffness="800"')
 SLIDE = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><body name="mass"><joint name="x" type="slide"/>
 <geom size=".1" mass="1"/></body></worldbody><actuator><motor name="push" joint="x"/></actuator></mujoco>"""
-MACHINES = {"smooth": (PENDULUM, 4), "few steps": (FEW, 1), "stiff": (STIFF, 1), "contacts": (BOX, 1)}
+MACHINES = {"smooth": (FINE_PENDULUM, 4), "few steps": (FEW, 1), "stiff": (STIFF, 1), "contacts": (BOX, 1)}
 
 
 @pytest.mark.parametrize(("xml", "expected"), MACHINES.values(), ids=MACHINES)
@@ -32,7 +32,7 @@ def test_steps_are_joined_where_the_motion_stays_the_same(xml, expected):
 
 
 def test_joined_steps_have_the_mean_command_and_the_same_rows():
-    p = prepared_of(PENDULUM, record(PENDULUM, 0.8))
+    p = prepared_of(FINE_PENDULUM, record(FINE_PENDULUM, 0.8))
     w = p.windows("train", p.config.decide_s, 5)
     joined = w.in_larger_steps(4)
     assert (joined.dt, joined.steps) == (pytest.approx(4 * w.dt), -(-w.steps // 4))
@@ -42,12 +42,12 @@ def test_joined_steps_have_the_mean_command_and_the_same_rows():
     np.testing.assert_array_equal(joined.times, w.times)
 
 
-@pytest.mark.parametrize("xml", [RUNGE_KUTTA, PENDULUM], ids=["Runge-Kutta", "larger"])
+@pytest.mark.parametrize("xml", [RUNGE_KUTTA, FINE_PENDULUM], ids=["Runge-Kutta", "larger"])
 def test_cheaper_steps_tell_differences_and_what_they_promise_is_verified(xml):
     def change(model: mujoco.MjModel) -> None:
         model.dof_damping[0] += 0.03
 
-    s, _ = search_of(xml, record(PENDULUM, 0.8, change=change))
+    s, _ = search_of(xml, record(FINE_PENDULUM, 0.8, change=change))
     assert s.sim.stride > 1 and s.sim.costly(s.train)
     known, other = fitted(s, {DAMPING: [0.02]}), fitted(s, {DAMPING: [0.03]})
     runs = [Run(f.hypothesis, f.theta) for f in (known, other)]
@@ -69,7 +69,7 @@ def test_cheaper_steps_tell_differences_and_what_they_promise_is_verified(xml):
 
 
 def test_other_windows_are_stepped_anew():
-    s, _ = search_of(PENDULUM, record(PENDULUM, 0.8))
+    s, _ = search_of(FINE_PENDULUM, record(FINE_PENDULUM, 0.8))
     run = [Run(fitted(s, {DAMPING: [0.02]}).hypothesis, np.array([0.02]))]
     first = s.sim.cheaply(run, s.train)
     assert s.sim.cheaply(run, s.held).shape[1] == s.held.count
@@ -80,7 +80,7 @@ def test_other_windows_are_stepped_anew():
 
 def test_a_promise_that_is_not_true_is_not_kept(monkeypatch):
     """Cheaper steps of a machine with other damping: what they call the best is not."""
-    s, _ = search_of(PENDULUM, record(PENDULUM, 0.8))
+    s, _ = search_of(FINE_PENDULUM, record(FINE_PENDULUM, 0.8))
     start = fitted(s, {DAMPING: [0.01]})
     white = s.whiten_one(start, s.train)
     stepped = s.sim.cheaply
@@ -111,7 +111,7 @@ def test_what_a_start_does_is_told_by_larger_steps_as_by_the_own():
 
 
 def test_smooth_sensitivities_are_alike_in_larger_steps():
-    s, _ = search_of(ARM, record(ARM, 0.8))
+    s, _ = search_of(FINE_ARM, record(FINE_ARM, 0.8))
     assert s.sim.stride > 1
     runs = start_runs(Hypothesis(), np.zeros(0), s.train)
     told, own = changes(s.sim, runs, s.train), s.sim.residuals(runs, s.train)
@@ -123,7 +123,7 @@ def test_smooth_sensitivities_are_alike_in_larger_steps():
 
 @pytest.fixture(scope="module")
 def arm():
-    s, _ = search_of(ARM, record(ARM, [2.0, 1.0]))
+    s, _ = search_of(FINE_ARM, record(FINE_ARM, [2.0, 1.0]))
     assert s.sim.stride > 1 and s.sim.costly(s.train)
     one_of_each = {t.id: t for t in s.terms if t.effect.simulated and t.place.index in (0, 1)}
     return s, list(one_of_each.values())

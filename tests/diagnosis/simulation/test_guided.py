@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
-from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.machines import FINE_ARM, record
 from tests.diagnosis.searches import prepared_of
 
 NOTHING = Run(Hypothesis(), np.zeros(0))
@@ -23,7 +23,7 @@ def _kicks(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 @pytest.fixture(scope="module")
 def kicked() -> Prepared:
-    fine = ARM.replace('timestep="0.002"', 'timestep="0.0005"')
+    fine = FINE_ARM.replace('timestep="0.002"', 'timestep="0.0005"')
     return prepared_of(fine, record(fine, [1.0, 0.6], force=_kicks, noise=1e-5, rate=200))
 
 

@@ -23,7 +23,7 @@ from mpge_jax.diagnosis.simulation.cheaper_steps import Near
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.run_up import run_up
-from tests.diagnosis.machines import PENDULUM
+from tests.diagnosis.machines import FINE_PENDULUM
 from tests.diagnosis.searches import search_of
 
 HINGE = Place("joint", "hinge", 0)
@@ -40,7 +40,7 @@ def chattering() -> Search:
         "kind": "joint",
         "parameters": {"gap": 0.02, "restitution": 0.2},
     }
-    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(PENDULUM), [entry])
+    corrected = CorrectedModel.build(mujoco.MjSpec.from_string(FINE_PENDULUM), [entry])
     rng, runs = np.random.default_rng(0), []
     for k in range(3):
         stepper, rows = corrected.c_stepper(), []
@@ -53,7 +53,7 @@ def chattering() -> Search:
             stepper.step(u, 2)
         t, q, u = (np.array(x) for x in zip(*rows, strict=True))
         runs.append(Recording(f"run_{k}", t, q, None, u))
-    return search_of(PENDULUM, runs)[0]
+    return search_of(FINE_PENDULUM, runs)[0]
 
 
 @pytest.fixture

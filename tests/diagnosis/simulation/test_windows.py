@@ -14,11 +14,11 @@ from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.recordings.three_parts import PARTS
 from mpge_jax.diagnosis.simulation.actuator_state import activations
 from mpge_jax.diagnosis.simulation.drive_signal import Source
-from tests.diagnosis.machines import PENDULUM
+from tests.diagnosis.machines import FINE_PENDULUM
 from tests.diagnosis.searches import prepared_of
 
-FILTER = PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')
-MUSCLE = PENDULUM.replace("<motor", '<muscle lengthrange="-2 2" timeconst=".02 .05" force="3"')
+FILTER = FINE_PENDULUM.replace("<motor", '<general dyntype="filterexact" dynprm=".03"')
+MUSCLE = FINE_PENDULUM.replace("<motor", '<muscle lengthrange="-2 2" timeconst=".02 .05" force="3"')
 CLIPPED = FILTER.replace('ctrlrange="-2 2"', 'ctrlrange="0 .6"')
 LATE = FILTER.replace("<general", '<general delay=".03" nsample="20"')
 MUSCLE = MUSCLE.replace('ctrlrange="-2 2"', 'ctrlrange="0 1"')
@@ -89,7 +89,7 @@ def test_commands_act_later_and_in_finer_steps():
         Recording(f"run_{k}", np.arange(rows) / RATE, 1e-3 * np.sin(np.arange(rows) + k)[:, None], None, ctrl)
         for k in range(3)
     ]
-    w = prepared_of(PENDULUM, recordings).windows("train", 0.25, 40)
+    w = prepared_of(FINE_PENDULUM, recordings).windows("train", 0.25, 40)
     for k in range(w.count):
         at = w.start[k] + w.dt * np.arange(-w.history, w.steps)
         held = np.clip(np.floor(at * RATE + 1e-6) / 100, 0.0, None)

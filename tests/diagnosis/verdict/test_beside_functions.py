@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.selection.procedure import Decision, what_is_left
 from mpge_jax.diagnosis.verdict import beside_functions as module
 from mpge_jax.diagnosis.verdict import judgement
 from mpge_jax.diagnosis.verdict.beside_functions import HARM, without_needless
-from tests.diagnosis.machines import COARSE
+from tests.diagnosis.machines import PENDULUM
 from tests.diagnosis.searches import COULOMB, DAMPING, GAIN, HINGE, fitted
 
 SPEED = Residual((Axis("v", -4.0, 4.0),), 4.0)
@@ -31,9 +31,9 @@ def _rubs(torque: float) -> Function:
 
 
 @pytest.fixture
-def asked(rubbing_coarsely, plain_functions):
+def asked(rubbing, plain_functions):
     """What stays of effects on a pendulum with dry friction of 0.1 N m, beside a function for some of it."""
-    s, p = rubbing_coarsely
+    s, p = rubbing
     p.warnings.clear()
 
     def told(f, torque: float):
@@ -104,7 +104,7 @@ def test_the_verdict_is_told_without_it(asked, monkeypatch):
     residual, held = asked.told(damping, 0.1)
     monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: residual)
     found = Decision(damping, {DAMPING: []}, *what_is_left(p, damping, s), s)
-    result = judgement.judge(p, mujoco.MjModel.from_xml_string(COARSE), s, found, held, None)
+    result = judgement.judge(p, mujoco.MjModel.from_xml_string(PENDULUM), s, found, held, None)
     assert result.verdict == "unexplained" and not result.fit.hypothesis.terms
     assert result.held.after.rms == result.held.before.rms and result.error_drop == {}
 
@@ -120,6 +120,6 @@ def test_what_names_were_given_up_for_matters_however_slight_it_is(asked, monkey
     monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: next(modelled))
     monkeypatch.setattr(module, "residual_of_motion", lambda *given: beside.append(own(*given)) or beside[-1])
     found = Decision(damping, {DAMPING: []}, *what_is_left(p, damping, s), s)
-    result = judgement.judge(p, mujoco.MjModel.from_xml_string(COARSE), s, found, held, None)
+    result = judgement.judge(p, mujoco.MjModel.from_xml_string(PENDULUM), s, found, held, None)
     assert result.verdict == "unexplained" and not result.fit.hypothesis.terms
     assert result.residual is beside[-1] and result.residual.before == result.held.after.rms

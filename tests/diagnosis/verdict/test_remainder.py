@@ -10,7 +10,7 @@ from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.verdict.judgement import struck
-from tests.diagnosis.machines import ARM, record
+from tests.diagnosis.machines import FINE_ARM, record
 
 CORNERS = {"fl": (0.1, 0.1, 1), "fr": (0.1, -0.1, -1), "rl": (-0.1, 0.1, -1), "rr": (-0.1, -0.1, 1)}
 QUAD = f"""<mujoco><option timestep="0.004" gravity="0 0 0" integrator="implicitfast"/><worldbody><body name="frame">
@@ -55,8 +55,10 @@ def test_a_rough_spot_is_placed_where_force_at_one_joint_alone_explains_most(joi
         dof = m.joint(joint).dofadr[0]
         d.qfrc_applied[dof] = -np.tanh(20.0 * d.qvel[dof]) * np.exp(-(((d.qpos[dof] - 0.1) / width) ** 2))
 
-    recordings = record(ARM, [4.0, 0.8], force=spot, count=5, seconds=4.0)
-    found = diagnose(mujoco.MjSpec.from_string(ARM), recordings, Config(effects=("gravity_tilt",), jobs=1))
+    recordings = record(FINE_ARM, [4.0, 0.8], force=spot, count=5, seconds=4.0)
+    found = diagnose(
+        mujoco.MjSpec.from_string(FINE_ARM), recordings, Config(effects=("gravity_tilt",), jobs=1)
+    )
     assert found.verdict == "unexplained" and found.unexplained is not None
     assert found.unexplained["at"] == at
 

@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.report.figures import whole_recordings as whole
 from mpge_jax.diagnosis.report.figures.whole_recordings import RECORDINGS, whole_recordings
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel
-from tests.diagnosis.machines import PENDULUM, record
+from tests.diagnosis.machines import FINE_PENDULUM, record
 from tests.diagnosis.searches import COULOMB, HINGE, fitted, prepared_of
 
 FRICTION = 0.1
@@ -33,11 +33,11 @@ def _with_a_gap(r):
 @pytest.fixture(scope="module")
 def diagnosed():
     """A pendulum with dry friction, its right value, and five held-out recordings of which the second has a gap."""
-    runs = record(PENDULUM, 1.2, force=_slowed, count=8, seconds=2.0)
+    runs = record(FINE_PENDULUM, 1.2, force=_slowed, count=8, seconds=2.0)
     names = [r.name if k < 3 else f"heldout_{k}" for k, r in enumerate(runs)]
     runs = [replace(r, name=name) for r, name in zip(runs, names, strict=True)]
     runs[4] = _with_a_gap(runs[4])
-    p = prepared_of(PENDULUM, runs)
+    p = prepared_of(FINE_PENDULUM, runs)
     f = fitted(SimpleNamespace(sim=p.sim), {COULOMB: [FRICTION]})
     return SimpleNamespace(prepared=p, fit=f, terms=f.hypothesis.terms, residual=None)
 
@@ -77,6 +77,6 @@ def test_gaps_are_told_and_parts_of_logs_are_no_gaps(diagnosed):
 
     first, second, _ = whole_recordings(diagnosed)
     assert title(first) == "heldout_3" and re.fullmatch(r"heldout_4, 0\.\d+ to 2 s", title(second))
-    p = prepared_of(PENDULUM, record(PENDULUM, 1.2, force=_slowed, count=2, seconds=2.0))
+    p = prepared_of(FINE_PENDULUM, record(FINE_PENDULUM, 1.2, force=_slowed, count=2, seconds=2.0))
     d = SimpleNamespace(prepared=p, fit=None, terms=(), residual=None)
     assert [title(one) for one in whole_recordings(d)] == ["run_0_test", "run_1_test"]
