@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.machine.model import Names, is_scalar, qpos_columns
+from mpge_jax.diagnosis.machine.model import Names, actuators_of_joint, is_scalar, qpos_columns
 
 Array = np.ndarray
 WRAP = 1.6 * np.pi
@@ -329,7 +329,7 @@ def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list
             still.append(names.joints[j])
         if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and np.abs(value).max() > 4 * np.pi:
             limit = np.abs(model.jnt_range[j]).max() if model.jnt_limited[j] else np.inf
-            if np.abs(value).max() > 8 * limit or (not model.jnt_limited[j] and np.ptp(value) > 60):
+            if np.abs(value).max() > 8 * limit or _swings_far(model, j, value):
                 out.append(f"{name}: positions of {names.joints[j]} look like degrees; radians are needed.")
     if still:
         out.append(f"{name}: {', '.join(still)} never moved; what acts there cannot be seen here.")
@@ -340,6 +340,14 @@ def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list
         for a in np.flatnonzero(beyond):
             out.append(f"{name}: commands of {names.actuators[a]} leave its ctrlrange and are clipped.")
     return out
+
+
+def _swings_far(model: mujoco.MjModel, joint: int, value: np.ndarray) -> bool:
+    """Whether a joint that nothing drives goes many turns there and back, as no pendulum does: a wheel turns on, and of
+    one that is driven `check_units` knows more."""
+    free = not model.jnt_limited[joint] and not actuators_of_joint(model, joint)
+    seen = value[np.isfinite(value)]
+    return bool(free and np.ptp(seen) > 60 and abs(seen[-1] - seen[0]) < 0.5 * np.ptp(seen))
 
 
 def chain_transitions(recordings: list[Recording]) -> list[Recording]:

@@ -147,15 +147,30 @@ def test_folder_with_other_files(tmp_path, arm):
         load_recordings([tmp_path / "nothing.npz"], *arm)
 
 
-def test_warnings_for_degrees_gaps_and_commands_outside(arm):
+def test_warnings_for_gaps_and_commands_outside(arm):
     import mujoco
 
     model = compile_variable(mujoco.MjSpec.from_string(PENDULUM))
     t = np.r_[0.01 * np.arange(50), 2 + 0.01 * np.arange(50)]
-    q = 90 * np.sin(3 * t)[:, None]
+    q = np.sin(3 * t)[:, None]
     r = validate(Recording("run", t, q, None, np.full((100, 1), 5.0)), model, names_of(model))
     text = " ".join(r.warnings)
-    assert "degrees" in text and "gap" in text and "ctrlrange" in text
+    assert "gap" in text and "ctrlrange" in text
+
+
+@pytest.mark.parametrize(
+    ("driven", "degrees", "told"), [(False, True, True), (False, False, False), (True, True, False)]
+)
+def test_only_what_nothing_drives_and_goes_there_and_back_looks_like_degrees(driven, degrees, told):
+    """A wheel turns on, and of a driven one its inertia says more."""
+    drive = '<actuator><motor joint="turn"/></actuator>' if driven else ""
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody><body><joint name="turn" axis="0 1 0"/>
+    <geom size=".1"/></body></worldbody>{drive}</mujoco>""")
+    time = 0.01 * np.arange(500)
+    angle = 80.0 * np.sin(3.0 * time) if degrees else 40.0 * time
+    given = Recording("swings", time, angle[:, None], None, np.zeros((500, model.nu)))
+    said = [w for w in validate(given, model, names_of(model)).warnings if "degrees" in w]
+    assert said == ["swings: positions of turn look like degrees; radians are needed."] * told
 
 
 def test_quaternions_must_be_unit():
