@@ -26,7 +26,8 @@ HEAD = """# Atlas of public machines
 Written by `python -m experiments.atlas` from [results/atlas](results/atlas). Every machine is real hardware whose
 recordings are public, diagnosed as they come, with no setting of its own. Errors are root mean squares over held-out
 recordings that no fit and no choice has seen: of the force that a motion needs, or of the motion that is predicted
-over windows. The sizes of the effects, their intervals and what is left over stand on the machine's page (the link).
+over windows. *After* is with what is named, and where functions of what has no name help, with these too. The sizes of
+the effects, their intervals and what is left over stand on the machine's page (the link).
 *Reference*: what an expert's plain fit reached on the same recordings, of forces; met within 1.1 times. Of motions it
 is 1.1 times what the fit reached.
 """
@@ -69,7 +70,7 @@ def markdown(kept: Mapping[str, Row], learnt: Mapping[str, Any] | None = None) -
     lines += ["|---|---|---|---|--:|--:|--:|---|--:|"]
     for key, row in kept.items():
         cells = [f"[{MACHINES[key].title}](machines/{key}.md)", MACHINES[key].known, f"`{row['verdict']}`"]
-        cells += [_named(row), f"{row['before']:.3g} {row['unit']}", f"{row['after']:.3g} {row['unit']}"]
+        cells += [_named(row), f"{row['before']:.3g} {row['unit']}", _after(row)]
         cells += [
             f"{row['before'] / row['after']:.3g} times less"
             if row["after"] * LESS < row["before"]
@@ -87,6 +88,14 @@ def markdown(kept: Mapping[str, Row], learnt: Mapping[str, Any] | None = None) -
     lines += [f"| {MACHINES[key].title} | {row['source']} | {row['licence']} |" for key, row in kept.items()]
     lines += ["", _made(kept), ""]
     return "\n".join(lines)
+
+
+def _after(row: Row) -> str:
+    """The error with what is named, and with the functions of what has no name, where these help."""
+    named = f"{row['after']:.3g} {row['unit']}"
+    return (
+        named if row["with_residual"] is None else f"{named}; with its functions {row['with_residual']:.3g}"
+    )
 
 
 def _learnt(found: Mapping[str, Any], kept: Mapping[str, Row]) -> list[str]:

@@ -71,7 +71,7 @@ def _with_better(s: Search, current: Fitted, forms: dict[Term, Term]) -> Fitted:
     )
     chosen = old
     for new in tried:
-        if needed(new, chosen, 1, len(_further(chosen.fit, new.fit))) and moves(s, new.fit, chosen.fit):
+        if needed(new, chosen, 1, len(_further(chosen.fit, new.fit))):
             chosen = new
     s.log.append(
         "closer forms: "

@@ -48,6 +48,11 @@ def docs_with(folder: Path, **rows: dict) -> Path:
     return folder
 
 
+def test_what_functions_reach_stands_beside_what_is_named(tmp_path):
+    text = page.markdown(page.rows(docs_with(tmp_path, brfd={**ROW, "with_residual": 1234.5})))
+    assert "| 5e+03 N | 2e+03 N; with its functions 1.23e+03 | 2.5 times less |" in text
+
+
 def test_the_page_is_that_of_the_kept_rows():
     docs = ROOT / "docs"
     written = (docs / "atlas.md").read_text("utf-8")
