@@ -203,37 +203,26 @@ def draw(kept: Mapping[str, Row], path: Path) -> Path:
     """A line for each machine: what is left of the error of the model as given, beside the reference and the noise."""
     figure = Figure(figsize=(8.6, 0.36 * len(kept) + 1.3), layout="constrained")
     ax = figure.subplots()
+    series: dict[str, tuple[dict[str, Any], list[float | None]]] = {
+        "model as given": ({"color": NOMINAL, "marker": "o"}, []),
+        "corrected": ({"color": CORRECTED, "marker": "o"}, []),
+        "with its functions": ({"color": CORRECTED, "marker": "o", "mfc": "white"}, []),
+        "reference": ({"color": MEASURED, "marker": "|", "ms": 13}, []),
+    }
     for y, (key, row) in enumerate(kept.items()):
-        left = row["after"] / row["before"]
-        ax.plot([left, 1.0], [y, y], color="#bbbbbb", lw=2, zorder=1)
-        styles: list[tuple[float | None, str, str]] = [
-            (1.0, NOMINAL, "o"),
-            (left, CORRECTED, "o"),
-            (_reference_over(MACHINES[key], row, left), MEASURED, "|"),
-        ]
-        for x, color, marker in styles:
-            if x is not None:
-                ax.plot(
-                    [x],
-                    [y],
-                    color=color,
-                    marker=marker,
-                    ms=13 if marker == "|" else 7,
-                    mew=2,
-                    ls="",
-                    zorder=2,
-                )
-    for name, color, marker in (
-        ("model as given", NOMINAL, "o"),
-        ("corrected", CORRECTED, "o"),
-        ("reference", MEASURED, "|"),
-    ):
-        ax.plot([], [], color=color, marker=marker, ls="", mew=2, label=name)
+        left, more = row["after"] / row["before"], row["with_residual"]
+        at = (1.0, left, more and more / row["before"], _reference_over(MACHINES[key], row, left))
+        ax.plot([min(left, at[2] or left), 1.0], [y, y], color="#bbbbbb", lw=2, zorder=1)
+        for (_, found), x in zip(series.values(), at, strict=True):
+            found.append(x)
+    for name, (style, found) in series.items():
+        shown = [(x, y) for y, x in enumerate(found) if x is not None]
+        ax.plot(*zip(*shown, strict=True), ls="", label=name, zorder=2, **{"mew": 2, "ms": 7, **style})
     log_scale(ax)
     ax.set_yticks(range(len(kept)), [MACHINES[key].title for key in kept])
     ax.invert_yaxis()
     ax.set_xlabel("error of held-out recordings, over that of the model as given")
-    ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=3, frameon=False)
+    ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4, frameon=False)
     ax.grid(alpha=0.25, axis="x")
     path.parent.mkdir(parents=True, exist_ok=True)
     return save(figure, path)
