@@ -8,7 +8,11 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
+from envs.c_engine import CEngine
 from envs.types import Engine, State, Task, Variant
+
+_RESETS, _BESIDE = 8, 1e-4
+"""First states by which it is told what is observed at all, and how far beside a state, as a share of it."""
 
 
 class Env:
@@ -65,15 +69,7 @@ class Env:
         Raises:
           ValueError: where the task's observation does not determine its state, or `obs` has another shape.
         """
-        if self.task.to_state is None:
-            raise ValueError(
-                f"{self.task.name} has no to_state: its observation does not determine the state"
-            )
-        if obs.shape != (self.observation_size,):
-            raise ValueError(
-                f"{self.name} has observations of shape ({self.observation_size},), got {obs.shape}"
-            )
-        return self._first_state(*self.task.to_state(obs))
+        return self._first_state(*self._to_state(obs))
 
     def tells_state(self, obs: jax.Array) -> jax.Array:
         """Whether `obs [O]` determines the state, `bool []`: not on a bound that the observation is clipped to, where
@@ -82,26 +78,40 @@ class Env:
         Raises:
           ValueError: as `state_from_obs`.
         """
-        return jnp.all(self._seen(obs) | ~jnp.asarray(self.observed))
+        return jnp.all(self._followed(*self._to_state(obs)).all(0) | ~jnp.asarray(self.observed))
 
     @functools.cached_property
     def observed(self) -> np.ndarray:
         """Which numbers of the state, `(qpos, qvel)`, an observation tells at all, `bool [nq + nv]`: not where a free
         root is."""
         with jax.ensure_compile_time_eval():
-            return np.asarray(self._seen(self.reset(jax.random.key(0)).obs))
+            states = jax.vmap(self.task.reset)(jax.random.split(jax.random.key(0), _RESETS))
+            return np.asarray(jnp.any(jax.vmap(self._followed)(*states), axis=(0, 1)))
 
-    def _seen(self, obs: jax.Array) -> jax.Array:
-        """Which numbers of its state the observation `obs [O]` follows, `bool [nq + nv]`."""
-        start = self.state_from_obs(obs).data
-        nq = self.model.nq
+    def _to_state(self, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
+        if self.task.to_state is None:
+            raise ValueError(
+                f"{self.task.name} has no to_state: its observation does not determine the state"
+            )
+        if obs.shape != (self.observation_size,):
+            raise ValueError(
+                f"{self.name} has observations of shape ({self.observation_size},), got {obs.shape}"
+            )
+        return self.task.to_state(obs)
+
+    def _followed(self, qpos: jax.Array, qvel: jax.Array) -> jax.Array:
+        """Which numbers of a state its observation follows on either side, `bool [2, nq + nv]`."""
+        # What an engine computes of a state, or measures otherwise than it is, has no part in this.
+        engine, nq = CEngine(self.model), self.model.nq
 
         def observe(state: jax.Array) -> jax.Array:
-            return self.task.observe(self.engine.init(state[:nq], state[nq:]))
+            return self.task.observe(engine.init(state[:nq], state[nq:]))
 
-        # A little further out: on a bound itself the slope is not yet zero.
-        state = 1.0001 * jnp.concatenate([start.qpos, start.qvel])
-        return jnp.abs(jax.jacfwd(observe)(state)).max(0) > 0
+        state = jnp.concatenate([qpos, qvel])
+        # On a bound itself the slope is that of the side within.
+        beside = _BESIDE * (1.0 + jnp.abs(state))
+        sides = jnp.stack([state - beside, state + beside])
+        return jnp.abs(jax.vmap(jax.jacfwd(observe))(sides)).max(1) > 0
 
     def step(self, state: State, action: jax.Array, charged: jax.Array | None = None) -> State:
         """One step under `action [A]`, clipped to the action box. `done` is `terminated` or `truncated`.

@@ -26,8 +26,9 @@ HEAD = """# Atlas of public machines
 Written by `python -m experiments.atlas` from [results/atlas](results/atlas). Every machine is real hardware whose
 recordings are public, diagnosed as they come, with no setting of its own. Errors are root mean squares over held-out
 recordings that no fit and no choice has seen: of the force that a motion needs, or of the motion that is predicted
-over windows. *After* is with what is named, and where functions of what has no name help, with these too. The sizes of
-the effects, their intervals and what is left over stand on the machine's page (the link).
+over windows. *After* is with what is named, and where functions of what has no name help, with these too; by how much
+the error falls, and the reference, are of what is named alone. The sizes of the effects, their intervals and what is
+left over stand on the machine's page (the link).
 *Reference*: what an expert's plain fit reached on the same recordings, of forces; met within 1.1 times. Of motions it
 is 1.1 times what the fit reached.
 """
@@ -200,7 +201,8 @@ def _made(kept: Mapping[str, Row]) -> str:
 
 
 def draw(kept: Mapping[str, Row], path: Path) -> Path:
-    """A line for each machine: what is left of the error of the model as given, beside the reference and the noise."""
+    """A line for each machine: what is left of the error of the model as given, with functions of what has no name too,
+    beside the reference."""
     figure = Figure(figsize=(8.6, 0.36 * len(kept) + 1.3), layout="constrained")
     ax = figure.subplots()
     series: dict[str, tuple[dict[str, Any], list[float | None]]] = {

@@ -82,7 +82,8 @@ class TrackingEnv:
         self._starts, self._start_count = jnp.argsort(~told, stable=True), jnp.sum(told)
 
     def reset(self, key: jax.Array) -> State:
-        """In a random logged state, of those that an observation tells. `key` is consumed."""
+        """In a random logged state, of those that an observation tells, or the first where there is none. `key` is
+        consumed."""
         row = self._starts[jax.random.randint(key, (), 0, self._start_count)]
         inner = self._env.state_from_obs(self._rows.observation[row])
         zero = jnp.zeros((), inner.obs.dtype)

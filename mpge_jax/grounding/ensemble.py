@@ -199,13 +199,18 @@ def invert_ensemble(
       The transformers, every leaf `[N, M, ...]`, and the median misfit of each inversion, `[N]`.
 
     Raises:
-      ValueError: a log that does not fit `env`, or another number of logs than of keys.
+      ValueError: a log that does not fit `env` or of which no observation tells its state, or another number of logs
+        than of keys.
     """
     if keys.ndim != 2:
         raise ValueError(f"invert_ensemble wants keys of shape [logs, members], got {keys.shape}")
     _check_stacked(keys, {"target logs": logs.count})
     for member in range(keys.shape[0]):
         target_log.validate(jax.tree.map(lambda x, m=member: x[m], logs), env)
+    told = jax.jit(lambda rows: jax.vmap(jax.vmap(jax.vmap(env.tells_state)))(rows))(logs.observation)
+    valid = jnp.arange(told.shape[-1])[None, None, :] < logs.count[..., None]
+    if not bool((told & valid).any((1, 2)).all()):
+        raise ValueError(f"target log: no observation of {env.name} tells its state, which inversion needs")
 
     def one(key: jax.Array, log: TargetLog) -> tuple[Transformer, jax.Array]:
         inverted = inversion.invert(env, log, config)

@@ -147,7 +147,7 @@ def regress(key: PRNGKeyArray, inverted: Inverted, config: InversionConfig) -> T
     typical = jnp.nanmedian(jnp.where(inverted.weight > 0, inverted.misfit, jnp.nan))
     trust = inverted.weight / (1.0 + (inverted.misfit / jnp.maximum(typical, 0.01)) ** 2)
     # Where the simulator diverges, as it may from a padding row's state, there is no misfit.
-    trust = jnp.where(jnp.isfinite(inverted.misfit), trust, 0.0)
+    trust = jnp.where((inverted.weight > 0) & jnp.isfinite(inverted.misfit), trust, 0.0)
     wanted = inverted.explained - inverted.action
     inputs = transformer.network_inputs(pi_g, inverted.observation, inverted.action)
 

@@ -23,7 +23,7 @@ class HeldOut(flax.struct.PyTreeNode):
       observation: s.
       action: what the policy asked for.
       next_observation: s'.
-      weight: 1, or 0 for padding.
+      weight: 1, or 0 for padding. Rows that do not tell their state do not count either.
     """
 
     observation: Float[Array, "*n H O"]
@@ -56,7 +56,8 @@ def hold_out(log: TargetLog, share: float, most: int = 256) -> tuple[TargetLog, 
 
 
 def one_step_error(env: Env, pi_g: Transformer, rows: HeldOut) -> Float[Array, ""]:
-    """Root mean square error of the predicted s', in standard deviations of s' - s; infinite where one diverges.
+    """Root mean square error of the predicted s', in standard deviations of s' - s, over rows that tell their state;
+    infinite where there is none, or one diverges.
 
     Every row starts anew from its logged state, under the deterministic pi_g.
 

@@ -1,5 +1,7 @@
 """What every environment promises, on every engine that runs on this machine."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -166,6 +168,20 @@ def test_states_are_told_but_where_an_observation_cuts_them_off(name):
     fast = jax.vmap(lambda q, v: env.task.observe(env.engine.init(q, v)))(state.data.qpos, qvel)
     expected = [True, True, False, False] if "hopper" in name.lower() else [True] * 4
     assert np.asarray(told(fast)).tolist() == expected
+
+
+def test_bounds_on_either_side_are_told_wherever_episodes_begin():
+    """Speeds clipped to 0 to 1: at a bound one side alone is followed. Resets on the bound hide no coordinate."""
+    task = compiled("InvertedPendulum").env.task
+    clipped = replace(
+        task,
+        observe=lambda d: jnp.concatenate([d.qpos, jnp.clip(d.qvel, 0.0, 1.0)]),
+        reset=lambda key: (jnp.zeros(2), jnp.array([1.0, 0.5])),
+    )
+    env = envs.Env(clipped, model := envs.build_model(clipped), envs.engine_of(model, "c"))
+    assert env.observed.all()
+    for speed, told in ((0.0, False), (0.5, True), (1.0, False)):
+        assert bool(env.tells_state(jnp.array([0.1, 0.0, 0.5, speed]))) == told
 
 
 @over_registry

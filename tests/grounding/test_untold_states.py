@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mpge_jax.grounding import adversarial, collect, inversion, prediction
+from mpge_jax.grounding import adversarial, collect, ensemble, inversion, prediction
 from mpge_jax.grounding.delta_action import DeltaConfig, TrackingEnv
 from mpge_jax.grounding.inversion import InversionConfig
 from mpge_jax.rollouts.trajectories import trajectories
@@ -70,6 +70,16 @@ def test_they_are_not_inverted():
     np.testing.assert_allclose(
         np.asarray(found.misfit)[told.reshape(-1)], np.asarray(alone.misfit)[np.asarray(alone.weight) > 0]
     )
+
+
+def test_a_log_that_tells_no_state_is_refused():
+    log = jax.tree.map(lambda x: x[None], points.log())
+    blind = replace(ENV, first=ENV.first)
+    object.__setattr__(blind, "tells_state", lambda obs: jnp.zeros((), bool))
+    with pytest.raises(ValueError, match="no observation of Point tells its state, which inversion needs"):
+        ensemble.invert_ensemble(
+            blind, log, InversionConfig(iterations=1), jax.random.split(jax.random.key(0), (1, 1))
+        )
 
 
 def test_they_do_not_judge():

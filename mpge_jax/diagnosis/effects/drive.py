@@ -105,9 +105,15 @@ class Drive(Effect):
         raise NotImplementedError
 
     def memory(self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step) -> Any:
+        return self.settled(xp, ctx, place, theta, s)
+
+    def settled(
+        self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, damped: Array = 0.0
+    ) -> tuple[Array, Array]:
+        """Angle and speed of a motor that moves along with its link; with `damped` [...], a damping of its own."""
         q, v = s.q[..., ctx.qadr(place)], s.v[..., ctx.dof(place)]
         torque, hold, _ = _Motors(xp, ctx, place, s).torque(xp, 0 * q, 0 * q)
-        return q + self.rest(xp, ctx, place, theta, torque, xp.maximum(hold, 0.0)), v
+        return q + self.rest(xp, ctx, place, theta, torque - damped * v, xp.maximum(hold, 0.0)), v
 
 
 @register

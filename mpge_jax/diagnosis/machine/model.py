@@ -205,6 +205,12 @@ def is_joint_transmission(model: mujoco.MjModel, actuator: int) -> bool:
     return is_scalar(model, int(model.actuator_trnid[actuator, 0]))
 
 
+def weighed_by_torque(model: mujoco.MjModel, joint: int) -> bool:
+    """Whether all that drives a joint are motors, so that its torque is known (see `check_units`)."""
+    own = actuators_of_joint(model, joint)
+    return bool(own) and all(model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE for a in own)
+
+
 def has_plain_law(model: mujoco.MjModel, a: int) -> bool:
     """Whether an actuator's force is a function of its command and, if any, its joint's position and velocity."""
     no_state = model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE

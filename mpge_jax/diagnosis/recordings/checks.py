@@ -6,7 +6,13 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.machine.model import Names, actuators_of_joint, floating_base_joints, qpos_columns
+from mpge_jax.diagnosis.machine.model import (
+    Names,
+    actuators_of_joint,
+    floating_base_joints,
+    qpos_columns,
+    weighed_by_torque,
+)
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import Noise, States
 
@@ -158,11 +164,7 @@ def check_units(
         q, dof = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
         far = max(float(np.nanmax(np.abs(r.qpos[:, q]), initial=0.0)) for r in recordings)
         own = actuators_of_joint(model, j)
-        if (
-            far <= TURNS
-            or not own
-            or any(model.actuator_biastype[a] != mujoco.mjtBias.mjBIAS_NONE for a in own)
-        ):
+        if far <= TURNS or not weighed_by_torque(model, j):
             continue
         gains = model.actuator_gear[own, 0] * model.actuator_gainprm[own, 0]
         driven = _rms([f[:, own] @ gains for f in forces])

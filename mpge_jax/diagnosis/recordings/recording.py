@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.machine.model import Names, actuators_of_joint, is_scalar, qpos_columns
+from mpge_jax.diagnosis.machine.model import Names, is_scalar, qpos_columns, weighed_by_torque
 
 Array = np.ndarray
 WRAP = 1.6 * np.pi
@@ -343,11 +343,10 @@ def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list
 
 
 def _swings_far(model: mujoco.MjModel, joint: int, value: np.ndarray) -> bool:
-    """Whether a joint that nothing drives goes many turns there and back, as no pendulum does: a wheel turns on, and of
-    one that is driven `check_units` knows more."""
-    free = not model.jnt_limited[joint] and not actuators_of_joint(model, joint)
-    seen = value[np.isfinite(value)]
-    return bool(free and np.ptp(seen) > 60 and abs(seen[-1] - seen[0]) < 0.5 * np.ptp(seen))
+    """Whether a joint goes many turns there and back, as hardly any but a wheel does, which turns on. Where motors
+    alone drive it, `check_units` tells the unit by their torque."""
+    free = not model.jnt_limited[joint] and not weighed_by_torque(model, joint)
+    return bool(free and np.ptp(value) > 60 and abs(value[-1] - value[0]) < 0.5 * np.ptp(value))
 
 
 def chain_transitions(recordings: list[Recording]) -> list[Recording]:

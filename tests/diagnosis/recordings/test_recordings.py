@@ -159,11 +159,12 @@ def test_warnings_for_gaps_and_commands_outside(arm):
 
 
 @pytest.mark.parametrize(
-    ("driven", "degrees", "told"), [(False, True, True), (False, False, False), (True, True, False)]
+    ("drive", "degrees", "told"),
+    [("", True, True), ("", False, False), ("motor", True, False), ("position", True, True)],
 )
-def test_only_what_nothing_drives_and_goes_there_and_back_looks_like_degrees(driven, degrees, told):
-    """A wheel turns on, and of a driven one its inertia says more."""
-    drive = '<actuator><motor joint="turn"/></actuator>' if driven else ""
+def test_what_goes_many_turns_there_and_back_looks_like_degrees(drive, degrees, told):
+    """A wheel turns on, and where motors drive it, `check_units` knows more."""
+    drive = f'<actuator><{drive} joint="turn"/></actuator>' if drive else ""
     model = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody><body><joint name="turn" axis="0 1 0"/>
     <geom size=".1"/></body></worldbody>{drive}</mujoco>""")
     time = 0.01 * np.arange(500)

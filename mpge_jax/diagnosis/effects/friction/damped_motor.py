@@ -22,7 +22,7 @@ class DampedMotor(Closer):
     """
 
     ending = DAMPED_MOTOR
-    adds = "; {motor_share} of the joint's damping acts on its motor."
+    adds = "; {motor_share} of the damping that the model gives the joint acts on its motor."
     runtime = True
     set_const = True
     plain: JointFlexibility
@@ -49,7 +49,7 @@ class DampedMotor(Closer):
         return self.plain.remembers(ctx, place, theta[:, :-1])
 
     def memory(self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step) -> Any:
-        return self.plain.memory(xp, ctx, place, theta[..., :-1], s)
+        return self.plain.settled(xp, ctx, place, theta[..., :-1], s, theta[..., -1] * _damping(ctx, place))
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
