@@ -44,6 +44,7 @@ class GroundingState(flax.struct.PyTreeNode):
       discriminator: D.
       env_state: of B simulators.
       rollout_policy: which policy acts in each.
+      starts: rows of the log that episodes may begin in, where they begin in logged ones.
       expected: next observations of the untouched simulator from the logged (s, a), where D wants them.
       key: for all later draws.
     """
@@ -55,6 +56,7 @@ class GroundingState(flax.struct.PyTreeNode):
     discriminator: DiscriminatorState
     env_state: State
     rollout_policy: Int[Array, "*n B"]
+    starts: TargetLog | None
     expected: Float[Array, "*n K M O"] | None
     key: Key[Array, "*n"]
 
@@ -111,6 +113,7 @@ def init(
         ),
         env_state=begun[0],
         rollout_policy=begun[1],
+        starts=starts if config.restart_steps else None,
         expected=jax.vmap(partial(collect.expected_next, env))(log.observation, log.action)
         if config.needs_expected
         else None,
@@ -128,7 +131,7 @@ def update(
       and the mean `log_std` of pi_g.
     """
     key_collect, key_d, key_policy, key_value, key = jax.random.split(state.key, 5)
-    begun, starts = (state.env_state, state.rollout_policy), collect.starts_of(env, log, config)
+    begun, starts = (state.env_state, state.rollout_policy), log if state.starts is None else state.starts
     (env_state, rollout_policy), rows = collect.collect(
         key_collect, state.current, begun, env, policies, starts, config
     )

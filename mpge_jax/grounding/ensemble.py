@@ -207,9 +207,8 @@ def invert_ensemble(
     _check_stacked(keys, {"target logs": logs.count})
     for member in range(keys.shape[0]):
         target_log.validate(jax.tree.map(lambda x, m=member: x[m], logs), env)
-    told = jax.jit(lambda rows: jax.vmap(jax.vmap(jax.vmap(env.tells_state)))(rows))(logs.observation)
-    valid = jnp.arange(told.shape[-1])[None, None, :] < logs.count[..., None]
-    if not bool((told & valid).any((1, 2)).all()):
+    told = jax.jit(jax.vmap(jax.vmap(jax.vmap(env.tells_state))))(logs.observation)
+    if not (told & logs.valid).any((1, 2)).all():
         raise ValueError(f"target log: no observation of {env.name} tells its state, which inversion needs")
 
     def one(key: jax.Array, log: TargetLog) -> tuple[Transformer, jax.Array]:

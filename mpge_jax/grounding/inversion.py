@@ -87,13 +87,13 @@ def invert(env: Env, log: TargetLog, config: InversionConfig) -> Inverted:
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
     size = env.action_size
     flat = lambda x: x.reshape(-1, *x.shape[2:])  # noqa: E731
-    valid = jnp.arange(log.observation.shape[1])[None, :] < log.count[:, None]
+    valid = log.valid
     observation, action, target = (
         flat(jnp.where(valid[..., None], x, 0.0)) for x in (log.observation, log.action, log.next_observation)
     )
     weight = (flat(valid) & jax.vmap(env.tells_state)(observation)).astype(jnp.float32)
     change = target - observation
-    total = jnp.maximum(jnp.sum(weight), 1.0)
+    total = jnp.sum(weight)
     mean = jnp.sum(change * weight[:, None], axis=0) / total
     scale = jnp.sqrt(jnp.sum(weight[:, None] * (change - mean[None]) ** 2, axis=0) / total) + 1e-6
 
@@ -139,7 +139,7 @@ def regress(key: PRNGKeyArray, inverted: Inverted, config: InversionConfig) -> T
     key_init, key_rows = jax.random.split(key)
     size, rows = inverted.action.shape[1], inverted.action.shape[0]
     pair = jnp.concatenate([inverted.observation, inverted.action], axis=1)
-    total = jnp.maximum(jnp.sum(inverted.weight), 1.0)
+    total = jnp.sum(inverted.weight)
     mean = jnp.sum(pair * inverted.weight[:, None], axis=0) / total
     std = jnp.sqrt(jnp.sum((pair - mean[None]) ** 2 * inverted.weight[:, None], axis=0) / total)
     pi_g = transformer.init(key_init, inverted.observation.shape[1], size, config.transformer)
@@ -147,7 +147,7 @@ def regress(key: PRNGKeyArray, inverted: Inverted, config: InversionConfig) -> T
     typical = jnp.nanmedian(jnp.where(inverted.weight > 0, inverted.misfit, jnp.nan))
     trust = inverted.weight / (1.0 + (inverted.misfit / jnp.maximum(typical, 0.01)) ** 2)
     # Where the simulator diverges, as it may from a padding row's state, there is no misfit.
-    trust = jnp.where((inverted.weight > 0) & jnp.isfinite(inverted.misfit), trust, 0.0)
+    trust = jnp.where(jnp.isfinite(inverted.misfit), trust, 0.0)
     wanted = inverted.explained - inverted.action
     inputs = transformer.network_inputs(pi_g, inverted.observation, inverted.action)
 

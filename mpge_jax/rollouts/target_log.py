@@ -43,10 +43,15 @@ class TargetLog(flax.struct.PyTreeNode):
         """Target steps that this log took, over all policies."""
         return int(np.sum(np.asarray(self.count)))
 
+    @property
+    def valid(self) -> Bool[Array, "*n K M"]:
+        """Which rows are no padding."""
+        shape = jnp.shape(self.terminated)
+        return jax.lax.broadcasted_iota(jnp.int32, shape, len(shape) - 1) < jnp.asarray(self.count)[..., None]
+
     def only(self, chosen: Bool[Array, "K M"]) -> "TargetLog":
         """The rows that are `chosen`, in their order; all leaves without a leading axis."""
-        valid = jnp.arange(chosen.shape[1])[None, :] < self.count[:, None]
-        kept = chosen & valid
+        kept = chosen & self.valid
         order = jnp.argsort(~kept, axis=1, stable=True)
 
         def arranged(x: Shaped[Array, "K M *row"]) -> Shaped[Array, "K M *row"]:
@@ -57,7 +62,7 @@ class TargetLog(flax.struct.PyTreeNode):
 
     def rows(self) -> dict[str, Float[np.ndarray, "steps _"]]:
         """Observations, actions and next observations of all valid rows, policy by policy."""
-        valid = np.arange(self.observation.shape[1])[None, :] < np.asarray(self.count)[:, None]
+        valid = np.asarray(self.valid)
         fields = ("observation", "action", "next_observation")
         return {name: np.asarray(getattr(self, name))[valid] for name in fields}
 

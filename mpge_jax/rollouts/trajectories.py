@@ -32,12 +32,11 @@ def trajectories(log: TargetLog) -> Trajectories:
     """The rows of a log."""
     policies, most = log.observation.shape[:2]
     row = jnp.arange(most)
-    valid = row[None, :] < log.count[:, None]
     ends = jnp.concatenate([log.episode[:, 1:] != log.episode[:, :-1], jnp.ones((policies, 1), bool)], axis=1)
     last = ends | (row[None, :] + 1 >= log.count[:, None])
-    order = jnp.argsort(~valid.reshape(-1), stable=True)
+    order = jnp.argsort(~log.valid.reshape(-1), stable=True)
     flat = lambda x: x.reshape(-1, *x.shape[2:])[order]  # noqa: E731
-    kept = flat(valid)[:, None]
+    kept = flat(log.valid)[:, None]
     change = flat(log.next_observation - log.observation)
     total = jnp.sum(log.count)
     mean = jnp.sum(jnp.where(kept, change, 0.0), axis=0) / total
