@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from experiments.fleet.comparison import Effect, Fleet, Parameter, named
+from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.quantities import digits
 from mpge_jax.diagnosis.report.html_sections import table as html_table
 
@@ -81,7 +82,7 @@ def _cells(p: Parameter | None) -> list[str]:
         return ["", "", "", ""]
     if p.pooled is None:
         return [p.name, "without intervals", "", ""]
-    half = 1.96 * p.pooled.error
+    half = WITHIN * p.pooled.error
     ends = (p.pooled.value - half, p.pooled.value + half)
     value = f"{_span(p.pooled.value, *ends)} {p.unit}"
     spread = "" if p.pooled.spread_interval is None else _span(p.pooled.spread, *p.pooled.spread_interval)

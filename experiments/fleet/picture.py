@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.fleet.comparison import Effect, Fleet, Parameter, named
+from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, MEASURED, NOMINAL, save, short
 
 PANELS, ROBOTS = 6, 30
@@ -47,7 +48,7 @@ def _robots(p: Parameter) -> list[str]:
 
 def _panel(axis: Axes, effect: Effect, p: Parameter, robots: list[str]) -> None:
     assert p.pooled is not None
-    middle, spread = p.pooled.value, 1.96 * p.pooled.spread
+    middle, spread = p.pooled.value, WITHIN * p.pooled.spread
     axis.axvspan(middle - spread, middle + spread, color=CORRECTED, alpha=0.12, label="95 % of the robots")
     axis.axvline(middle, color=CORRECTED, lw=1, label="shared value")
     for odd, colour, label in ((False, MEASURED, "a robot, 95 %"), (True, NOMINAL, "stands out")):
@@ -55,7 +56,7 @@ def _panel(axis: Axes, effect: Effect, p: Parameter, robots: list[str]) -> None:
         if rows:
             found = [p.estimates[robots[i]] for i in rows]
             # An estimate without an interval is a point.
-            half = [1.96 * e.error if e.error > 0 else 0.0 for e in found]
+            half = [WITHIN * e.error if e.error > 0 else 0.0 for e in found]
             style: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 1, "color": colour, "label": label}
             axis.errorbar([e.value for e in found], rows, xerr=half, **style)
     axis.set_yticks(range(len(robots)), [short(robot, 18) for robot in robots], fontsize=7)

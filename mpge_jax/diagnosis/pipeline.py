@@ -20,11 +20,12 @@ from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.force_balance import procedure as force_balance
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
-from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
+from mpge_jax.diagnosis.measurement.measurement_model import WAYS, MeasurementModel, Way
 from mpge_jax.diagnosis.recordings.reader import read
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.selection import checkpoint
-from mpge_jax.diagnosis.selection.procedure import decide, tested
+from mpge_jax.diagnosis.selection.procedure import Decision, Found, decide, look, tested
+from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search, check_windows
 from mpge_jax.diagnosis.verdict.beside_unknown import beside_unknown
 from mpge_jax.diagnosis.verdict.force_judgement import judge_forces
@@ -82,14 +83,15 @@ def _counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
+Reading = tuple[MeasurementModel, Prepared, Search]
+"""What recording did, the recordings read so, and a search in them."""
+
+
 def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | None = None) -> Result:
     """What the model lacks, and what recording did to what was recorded: either is estimated given the other.
 
     The recordings are read with rows, ages, delays and zeros that no physics explains, and simulated in steps as fine
-    as they show, and the search looks for physics in what that leaves. Then the steps, the rows that commands belong
-    to, their clock, the ages of servos' forces, after them the delays, and after these the zeros, are told again given
-    that physics; where they moved, the search goes on from what it has on recordings read anew. So it ends after seven
-    decisions at most.
+    as they show, and the search looks for physics in what that leaves.
 
     Where motion and force were recorded and no commands, nothing is simulated: the forces decide.
 
@@ -115,23 +117,7 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
         f"{_counted(len(s.terms), 'candidate')} (an effect at a place) to try: fitted to "
         f"{_counted(s.train.count, 'piece')} of {s.train.times.max():.2g} s, judged on {s.held.count} more"
     )
-    found = decide(p, s, say)
-    for moved in (
-        MeasurementModel.with_moved_steps,
-        MeasurementModel.with_moved_rows,
-        MeasurementModel.with_moved_clock,
-        MeasurementModel.with_moved_ages,
-        MeasurementModel.with_moved_delays,
-        MeasurementModel.with_moved_zeros,
-    ):
-        again = moved(measurement, found)
-        if again is None:
-            continue
-        say("the recordings are read otherwise, given what was found; going on from there")
-        measurement, p = again, again.read()
-        log, s = s.log, build_search(p, say, p.config.decide_s)
-        s.log, s.resume = log, Reached(found.fit)
-        found = decide(p, s, say)
+    (measurement, p, s), found = _alternating((measurement, p, s), say)
     found, held = beside_unknown(p, s, *tested(p, s, found), say)
     say("judging what is left")
     if drives is not None:
@@ -139,3 +125,44 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
         if measurement.late:
             drives = drives.arrived(measurement.given(found.fit).delays)
     return judge(p, plain, s, found, held, drives)
+
+
+def _alternating(reading: Reading, say: Progress) -> tuple[Reading, Decision]:
+    """Physics given what recording did, and this given that physics, until both stand. Alternatives are weighed where
+    nothing moves any more; where that ends elsewhere than the search did, the recordings are asked once more. Each of
+    `WAYS` moves once, so that this ends."""
+    ways: list[Way] = list(WAYS)
+    found: Found = look(*reading[1:])
+    while True:
+        reading, found = _read_given(found, reading, ways, say)
+        if isinstance(found, Decision):
+            return reading, found
+        _, p, s = reading
+        decision = decide(p, s, say, found)
+        if decision.confirms(found):
+            return reading, decision
+        found = decision
+
+
+def _read_given(found: Found, reading: Reading, ways: list[Way], say: Progress) -> tuple[Reading, Found]:
+    """The steps, the rows that commands belong to, their clock, the ages of servos' forces, after them the delays, and
+    after these the zeros, told again given what was found; where they move, the search goes on from what it has on
+    recordings read anew.
+
+    Args:
+        ways: those that may move; without those that did when this returns.
+    """
+    for way in tuple(ways):
+        if not found.steady:
+            break
+        measurement, _, s = reading
+        again = way(measurement, found)
+        if again is None:
+            continue
+        say("the recordings are read otherwise, given what was found; going on from there")
+        ways.remove(way)
+        p, log = again.read(), s.log
+        s = build_search(p, say, p.config.decide_s)
+        s.log, s.resume = log, Reached(found.fit)
+        reading, found = (again, p, s), look(p, s)
+    return reading, found

@@ -12,10 +12,10 @@ from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.measurement import measurement_model
 from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
-from mpge_jax.diagnosis.selection.procedure import Decision
+from mpge_jax.diagnosis.selection.procedure import Decision, Look
 from tests.diagnosis.searches import COULOMB, fitted
 
-PARTS = ("with_moved_steps", "with_moved_delays", "with_moved_zeros")
+PARTS = ("steps", "delays", "zeros")
 
 
 @pytest.fixture(scope="module")
@@ -25,34 +25,85 @@ def decision(rubbing):
     return Decision(f, {COULOMB: []}, Floor(), None, None)
 
 
+class Bench:
+    """The pipeline with searches, decisions and ways of reading that are told beforehand; what they were asked."""
+
+    def __init__(self, monkeypatch, moves, looks, decisions):
+        self.asked, self.looked, self.decided = [], [], []
+        looks, decisions = iter(looks), iter(decisions)
+
+        def way(name):
+            def moved(m, found):
+                self.asked.append((name, found))
+                again = [*m.at_rows.warnings, name]
+                return replace(m, at_rows=replace(m.at_rows, warnings=again)) if name in moves else None
+
+            return moved
+
+        def look(p, s):
+            self.looked.append((list(p.warnings), s.resume.fit, list(s.log)))
+            s.log.append(f"look {len(self.looked)}")
+            return next(looks)
+
+        def decide(p, _s, _say, looked):
+            self.decided.append((list(p.warnings), looked))
+            return next(decisions)
+
+        monkeypatch.setattr(pipeline, "WAYS", tuple(map(way, PARTS)))
+        monkeypatch.setattr(pipeline, "look", look)
+        monkeypatch.setattr(pipeline, "decide", decide)
+
+    def run(self, p):
+        return pipeline.find(p, compile_variable(p.spec), pipeline.Progress(quiet=True))
+
+
+def seen(found, steady=True):
+    return Look(found.fit, Floor() if steady else None, found.left, None, [])
+
+
+@pytest.fixture
+def machine(rubbing):
+    return replace(rubbing[1], warnings=[])
+
+
 @pytest.mark.parametrize("moves", [(), PARTS[:1], PARTS[1:2], PARTS[2:], PARTS])
-def test_the_search_goes_on_where_the_recordings_are_read_otherwise(rubbing, decision, moves, monkeypatch):
-    p = replace(rubbing[1], warnings=[])
-    asked, seen = [], []
-
-    def part(name):
-        def moved(m, found):
-            assert found is decision
-            asked.append(name)
-            again = [*m.at_rows.warnings, name]
-            return replace(m, at_rows=replace(m.at_rows, warnings=again)) if name in moves else None
-
-        return moved
-
-    def decide(q, s, _say):
-        seen.append((list(q.warnings), s.resume.fit, list(s.log)))
-        s.log.append(f"decision {len(seen)}")
-        return decision
-
-    for name in PARTS:
-        monkeypatch.setattr(MeasurementModel, name, part(name))
-    monkeypatch.setattr(pipeline, "decide", decide)
-    d = pipeline.find(p, compile_variable(p.spec), pipeline.Progress(quiet=True))
-    assert asked == list(PARTS)
-    assert [w for w, _, _ in seen] == [list(moves[:k]) for k in range(len(moves) + 1)]
-    assert [f for _, f, _ in seen] == [NOTHING, *[decision.fit] * len(moves)]
-    assert [len(log) for _, _, log in seen] == list(range(len(moves) + 1)) and len(d.log) == len(seen)
+def test_the_search_goes_on_where_the_recordings_are_read_otherwise(machine, decision, moves, monkeypatch):
+    looks = [seen(decision) for _ in range(len(moves) + 1)]
+    bench = Bench(monkeypatch, moves, looks, [decision])
+    d = bench.run(machine)
+    assert [name for name, _ in bench.asked] == list(PARTS)
+    assert [w for w, _, _ in bench.looked] == [list(moves[:k]) for k in range(len(moves) + 1)]
+    assert [f for _, f, _ in bench.looked] == [NOTHING, *[decision.fit] * len(moves)]
+    assert [len(log) for _, _, log in bench.looked] == list(range(len(looks))) and len(d.log) == len(looks)
+    # alternatives are weighed once, by what was read last
+    assert [w for w, _ in bench.decided] == [list(moves)] and bench.decided[0][1] is looks[-1]
     assert d.verdict == "effects" and d.prepared.warnings[: len(moves)] == list(moves)
+
+
+def test_where_weighing_ends_elsewhere_the_recordings_are_asked_once_more(machine, decision, monkeypatch):
+    first, other = PARTS[:1], PARTS[1:]
+    nothing = replace(decision, fit=NOTHING, rivals={})
+    bench = Bench(monkeypatch, first, [seen(nothing), seen(nothing)], [decision])
+    assert bench.run(machine).verdict == "effects"
+    assert [name for name, _ in bench.asked] == [*PARTS, *other]
+    assert all(found is decision for _, found in bench.asked[len(PARTS) :]) and len(bench.decided) == 1
+
+
+def test_what_moves_after_that_is_weighed_again(machine, decision, monkeypatch):
+    nothing = replace(decision, fit=NOTHING, rivals={})
+    looks = [seen(nothing, steady=False), seen(decision)]
+    bench = Bench(monkeypatch, PARTS[:1], looks, [decision, decision])
+    bench.run(machine)
+    # by what is told badly yet nothing is read
+    assert [found for _, found in bench.asked] == [decision, looks[1], looks[1]]
+    assert [looked for _, looked in bench.decided] == looks
+
+
+def test_another_remainder_asks_the_recordings_too(machine, decision, monkeypatch):
+    left = replace(seen(decision), left=object())
+    bench = Bench(monkeypatch, (), [left], [decision])
+    bench.run(machine)
+    assert len(bench.asked) == 2 * len(PARTS)
 
 
 def test_delays_move_where_those_of_the_physics_found_differ_clearly(rubbing, decision, monkeypatch):

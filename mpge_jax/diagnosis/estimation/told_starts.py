@@ -18,9 +18,11 @@ from mpge_jax.diagnosis.simulation.cheaper_steps import changes
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
-ROUNDS = 3
+ROUNDS = 6
 SHORTER = (1.0, 0.4, 0.1)
 """Parts of a Gauss-Newton step that are tried: through contacts slopes do not carry far."""
+NEGLIGIBLE = 0.01
+"""Fall of the cost, a chi^2, for which no further step is made."""
 FAR = 1e6
 """Deviations of the noise beyond which a residual counts as so many."""
 
@@ -29,25 +31,31 @@ def told(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> Windows:
     """The windows from where `f` goes through their first rows best; as they are where none are kept for that.
 
     The cost of a start is chi^2 of those rows and of its distance from the estimate in `KAPPA` of its deviations.
+    Slopes of smooth machines hardly change so near: they are told once.
 
     Args:
         scale: [2 nv] deviations of the noise (`whitening.column_scale`).
     """
     if not w.lead.any():
         return w
-    first = w.leading()
-    z = w.moved.reshape(w.count, -1)
-    cost = _costs(sim, f, first, scale, z[None])[0]
+    first, z = w.leading(), w.moved.reshape(w.count, -1).copy()
+    (left,), (cost,) = _left(sim, f, first, scale, z[None])
+    going, columns = np.arange(w.count), None
     for _ in range(ROUNDS):
-        step = _step(sim, f, first, scale, z)
-        tried = np.stack([z + x * step for x in SHORTER])
-        costs = _costs(sim, f, first, scale, tried)
-        best, rows = costs.argmin(0), np.arange(w.count)
-        better = costs[best, rows] < cost
-        if not better.any():
+        here = first.take(going)
+        if columns is None or sim.rugged(f.hypothesis):
+            columns = _columns(sim, f, replace(here, moved=z[going].reshape(here.moved.shape)), scale)
+        step = _step(columns, left[going], z[going])
+        tried = np.stack([z[going] + x * step for x in SHORTER])
+        each, costs = _left(sim, f, here, scale, tried)
+        best, rows = costs.argmin(0), np.arange(going.size)
+        gain = cost[going] - costs[best, rows]
+        better, onward = gain > 0.0, gain > NEGLIGIBLE
+        moved = going[better]
+        z[moved], left[moved], cost[moved] = (x[best, rows][better] for x in (tried, each, costs))
+        if not onward.any():
             break
-        z = np.where(better[:, None], tried[best, rows], z)
-        cost = np.where(better, costs[best, rows], cost)
+        going, columns = going[onward], columns[:, onward]
     return replace(w, moved=z.reshape(w.moved.shape))
 
 
@@ -71,18 +79,16 @@ def _columns(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> Array:
     return _plain(changes(sim, start_runs(f.hypothesis, f.theta, w), w), scale)
 
 
-def _step(sim: Simulator, f: Fitted, w: Windows, scale: Array, z: Array) -> Array:
-    here = replace(w, moved=z.reshape(w.moved.shape))
-    base = _plain(sim.residuals([Run(f.hypothesis, f.theta)], here)[0], scale)
-    columns = _columns(sim, f, here, scale)
+def _step(columns: Array, left: Array, z: Array) -> Array:
+    """[W, s] by a Gauss-Newton step from starts `z` [W, s] that leave `left` [W, M]."""
     gram = np.einsum("swm,twm->wst", columns, columns, optimize=True) + np.eye(z.shape[1]) / KAPPA**2
-    push = np.einsum("swm,wm->ws", columns, base, optimize=True) + z / KAPPA**2
+    push = np.einsum("swm,wm->ws", columns, left, optimize=True) + z / KAPPA**2
     return -np.linalg.solve(gram, push[..., None])[..., 0]
 
 
-def _costs(sim: Simulator, f: Fitted, w: Windows, scale: Array, z: Array) -> Array:
-    """[R, W] of the starts `z` [R, W, s]."""
+def _left(sim: Simulator, f: Fitted, w: Windows, scale: Array, z: Array) -> tuple[Array, Array]:
+    """What the starts `z` [R, W, s] leave [R, W, M], and their costs [R, W]."""
     still = replace(w, moved=np.zeros_like(w.moved))
     shifts = (replace(w, moved=x.reshape(w.moved.shape)).shift for x in z)
-    flat = _plain(sim.residuals([Run(f.hypothesis, f.theta, shift) for shift in shifts], still), scale)
-    return (flat**2).sum(-1) + (z**2).sum(-1) / KAPPA**2
+    left = _plain(sim.residuals([Run(f.hypothesis, f.theta, shift) for shift in shifts], still), scale)
+    return left, (left**2).sum(-1) + (z**2).sum(-1) / KAPPA**2

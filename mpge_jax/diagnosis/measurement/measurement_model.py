@@ -3,7 +3,7 @@ forces are, when late forces began, where encoders had their zeros."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.measurement.encoder_zeros import describe_zeros, other_z
 from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
 from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age
 from mpge_jax.diagnosis.recordings.late_rows import MOST, READ_SO
-from mpge_jax.diagnosis.selection.procedure import Decision
+from mpge_jax.diagnosis.selection.procedure import Found
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ class MeasurementModel:
         """The same with the delays that are likeliest if `f` is true."""
         return replace(self, delays=arrivals(self.at_rows, f, self.late))
 
-    def with_moved_steps(self, found: Decision) -> MeasurementModel | None:
+    def with_moved_steps(self, found: Found) -> MeasurementModel | None:
         """In finer steps than the model's, where what was found shows that the machine moves as in these: what was
         missing hid it. Else None."""
         finer = in_steps_as_seen(self.at_rows, found.fit) if found.fit.hypothesis.terms else self.at_rows
         return None if finer is self.at_rows else replace(self.given(found.fit), at_rows=finer)
 
-    def with_moved_rows(self, found: Decision) -> MeasurementModel | None:
+    def with_moved_rows(self, found: Found) -> MeasurementModel | None:
         """With every command on the row before, or on one earlier, where what was found predicts better so; else
         None."""
         nothing = not found.fit.hypothesis.terms and found.left is None
@@ -70,7 +70,7 @@ class MeasurementModel:
         moved.at_rows.warnings.append(READ_SO)
         return moved.given(found.fit)
 
-    def with_moved_clock(self, found: Decision) -> MeasurementModel | None:
+    def with_moved_clock(self, found: Found) -> MeasurementModel | None:
         """With commands later by what all their delays have in common, where that may be their clock's; else None."""
         seconds = common_delay(self.at_rows, found.fit)
         if not seconds:
@@ -78,7 +78,7 @@ class MeasurementModel:
         self.at_rows.warnings.append(describe_clock(seconds))
         return replace(self, at_rows=with_later_commands(self.at_rows, seconds)).given(found.fit)
 
-    def with_moved_ages(self, found: Decision) -> MeasurementModel | None:
+    def with_moved_ages(self, found: Found) -> MeasurementModel | None:
         """With another age of the servos' forces, where what was found leaves something and tells one: what was missing
         at some joint hid it. Else None."""
         age = None if found.left is None else other_age(self.at_rows, self.servos, found.fit)
@@ -90,16 +90,28 @@ class MeasurementModel:
         warnings.append(describe_age(age))
         return replace(self.given(found.fit), at_rows=aged(self.at_rows, self.servos, age))
 
-    def with_moved_delays(self, found: Decision) -> MeasurementModel | None:
+    def with_moved_delays(self, found: Found) -> MeasurementModel | None:
         """With other delays where those of `given` differ clearly from these: what was missing seemed to be a matter
         of delays. None where they do not, or where nothing was found."""
         now = self.given(found.fit) if found.fit.hypothesis.terms else self
         return now if moved(self.delays, now.delays) else None
 
-    def with_moved_zeros(self, found: Decision) -> MeasurementModel | None:
+    def with_moved_zeros(self, found: Found) -> MeasurementModel | None:
         """With other zeros where recordings differ in them and what was found leaves something; else None."""
         zeros = {} if found.left is None else other_zeros(self.read(), found.fit)
         if not zeros:
             return None
         self.at_rows.warnings.append(describe_zeros(self.at_rows, zeros))
         return replace(self.given(found.fit), at_rows=with_zeros(self.at_rows, zeros))
+
+
+Way = Callable[[MeasurementModel, Found], MeasurementModel | None]
+WAYS: tuple[Way, ...] = (
+    MeasurementModel.with_moved_steps,
+    MeasurementModel.with_moved_rows,
+    MeasurementModel.with_moved_clock,
+    MeasurementModel.with_moved_ages,
+    MeasurementModel.with_moved_delays,
+    MeasurementModel.with_moved_zeros,
+)
+"""What is told again given what was found, each given those before it."""

@@ -20,14 +20,25 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import (
 )
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, Whitener, numerics, whitener
+from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.selection.closer_forms import with_plain
 from mpge_jax.diagnosis.selection.criteria import moves, needed, strength
+from mpge_jax.diagnosis.selection.given_masses import as_given
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import WEAKEST
 
 Array = np.ndarray
+
+
+def needed_fit(s: Search, f: Fitted) -> tuple[Fitted, tuple[Whitener, Whitener]]:
+    """The final fit of what a search found, without what is not needed and under the nearest names; and its whiteners
+    of training and held-out windows."""
+    f, whites = final_fit(s, prune(s, f))
+    f = name_nearest(s.sim.ctx, f)
+    given = as_given(s, f)
+    return (f, whites) if given is f else final_fit(s, given)
 
 
 def prune(s: Search, current: Fitted) -> Fitted:

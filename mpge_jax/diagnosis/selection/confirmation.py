@@ -94,6 +94,8 @@ def _without_what_adds(p: Prepared, s: Search, f: Fitted, part: Part) -> tuple[F
     w = p.windows(part, SHORT, WINDOWS[part], seed=1)
     while f.hypothesis.named and w.count >= ENOUGH_WINDOWS:
         here = missing(p.sim, f, w, p.noise)
+        if _often(np.abs(here[0]) > SURELY * here[1]) <= USUALLY:
+            break
         shares = {t: _adds(p, f, t, w, here) for t in f.hypothesis.named}
         worst = max(shares, key=lambda t: shares[t])
         if shares[worst] <= USUALLY:
@@ -113,7 +115,12 @@ def _adds(p: Prepared, f: Fitted, term: Term, w: Windows, here: tuple[Array, Arr
     (left, unsure), less = here, f.of_terms(p.ctx, f.hypothesis.without(term))
     before, _ = missing(p.sim, less, w, p.noise)
     more = (np.abs(left) > SURELY * unsure) & (np.abs(left) > LARGER * np.abs(before))
-    return float(more.mean(0).max())
+    return _often(more)
+
+
+def _often(windows: Array) -> float:
+    """Share of windows [W, nv], at the degree of freedom where they are most."""
+    return float(windows.mean(0).max())
 
 
 def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,17 +14,16 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inertias
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import as_wide_as_recordings_differ
+from mpge_jax.diagnosis.estimation.whitening import Whitener
 from mpge_jax.diagnosis.evidence.held_out_error import MAY_BE_NONE, FitReport, left_out
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
-from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
-from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined, with_timestep_error
+from mpge_jax.diagnosis.selection.backward_elimination import needed_fit, refined, with_timestep_error
 from mpge_jax.diagnosis.selection.confirmation import confirmed, predicts_better, refitted
 from mpge_jax.diagnosis.selection.criteria import may_be_none
 from mpge_jax.diagnosis.selection.forward_selection import search
-from mpge_jax.diagnosis.selection.given_masses import as_given
 from mpge_jax.diagnosis.selection.remainder import Remainder, leaves, remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
@@ -32,6 +32,27 @@ from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, EXCHANGES
 
 REFINED = 60
 """Windows of the reported length, at most, from which parameters are refined in the end."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a search finds, before alternatives to that are weighed.
+
+    Attributes:
+        noise, left: as in a `Decision`; None where things strike each other, as parameters are told well only in the
+            end there. whites: of training and held-out windows. last: the search's last field.
+    """
+
+    fit: Fitted
+    noise: Floor | None
+    left: Remainder | None
+    whites: tuple[Whitener, Whitener]
+    last: list[Scored]
+
+    @property
+    def steady(self) -> bool:
+        """Whether the recordings may be read by it."""
+        return self.noise is not None
 
 
 @dataclass(frozen=True)
@@ -48,23 +69,48 @@ class Decision:
     left: Remainder | None
     search: Search
 
+    steady: ClassVar[bool] = True
 
-def decide(p: Prepared, s: Search, say: Callable[[str], None]) -> Decision:
-    """Search, go on in longer windows where that finds nothing or leaves something, keep what recordings that chose
-    nothing of the fit are predicted better with, and refine that on all that may be looked at."""
+    def confirms(self, looked: Look) -> bool:
+        """Whether the search had found the same."""
+        same = self.fit.hypothesis == looked.fit.hypothesis
+        return looked.steady and same and (self.left is None) == (looked.left is None)
+
+
+Found = Look | Decision
+
+
+def look(p: Prepared, s: Search) -> Look:
+    """Search, and leave out what is not needed."""
+    f, last = search(s)
+    f, whites = needed_fit(s, f)
+    noise, left = (None, None) if s.sim.rugged(f.hypothesis) else what_is_left(p, f, s)
+    return Look(f, noise, left, whites, last)
+
+
+def decide(p: Prepared, s: Search, say: Callable[[str], None], looked: Look | None = None) -> Decision:
+    """Search, weigh alternatives, go on in longer windows where that finds nothing or leaves something, keep what
+    recordings that chose nothing of the fit are predicted better with, and refine that on all that may be looked at.
+
+    Args:
+        looked: what the search found, if it is done.
+    """
     c = p.config
-    f, rivals = _settle(s, *search(s))
-    noise, left = what_is_left(p, f, s)
+    looked = look(p, s) if looked is None else looked
+    f, rivals = _weighed(s, looked.fit, looked.whites, looked.last)
+    noise, left = looked.noise, looked.left
+    if noise is None or f is not looked.fit:
+        noise, left = what_is_left(p, f, s)
     if left is None and f.hypothesis.terms:
         left = _left_of_longer_windows(p, s, f, say)
-    looked = s
+    longest = s
     if left is not None or not f.hypothesis.terms:
         reached = f
-        f, rivals, looked = _on_longer_windows(p, s, f, rivals, say)
+        f, rivals, longest = _on_longer_windows(p, s, f, rivals, say)
         if f is not reached or left is None:
             # what is too slight to show in the shorter windows, and what nobody can name, may show in these
-            noise, left = what_is_left(p, f, s, looked)
-    found, _ = _kept(p, s, Decision(f, rivals, noise, left, looked), "choice")
+            noise, left = what_is_left(p, f, s, longest)
+    found, _ = _kept(p, s, Decision(f, rivals, noise, left, longest), "choice")
     f = found.fit
     # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
     if f.theta.size and found.left is None and c.report_s > c.decide_s and not s.sim.rugged(f.hypothesis):
@@ -176,7 +222,7 @@ def _on_longer_windows(
         longer.resume, longer.looked = Reached(f), s.looked
         more, last = search(longer)
         if more.hypothesis != f.hypothesis:
-            more, its = _settle(longer, more, last)
+            more, its = _weighed(longer, *needed_fit(longer, more), last)
         s.log += longer.log
         longest = longer
         if more.hypothesis == f.hypothesis or not more.hypothesis.terms:
@@ -194,21 +240,19 @@ def _usual(s: Search, f: Fitted) -> float:
     return float(np.median(leaves(s, f).left.losses))
 
 
-def _settle(s: Search, f: Fitted, last: list[Scored]) -> tuple[Fitted, dict[Term, list[Rival]]]:
-    """The final fit with its rivals, after exchanging terms for rivals that predict clearly better."""
+def _weighed(
+    s: Search, f: Fitted, whites: tuple[Whitener, Whitener], last: list[Scored]
+) -> tuple[Fitted, dict[Term, list[Rival]]]:
+    """A final fit with its rivals, after exchanging terms for rivals that predict clearly better."""
     for left in reversed(range(EXCHANGES + 1)):
-        f, whites = final_fit(s, prune(s, f))
-        f = name_nearest(s.sim.ctx, f)
-        if (given := as_given(s, f)) is not f:
-            f, whites = final_fit(s, given)
-        best = s.score([f], whites)[0]
-        rivals = find_rivals(s, best, whites, last)
+        rivals = find_rivals(s, s.score([f], whites)[0], whites, last)
         better = better_rival(rivals)
         if better is None or not left:
             break
         s.log.append(f"exchanged: {f.hypothesis} -> {better.fit.hypothesis}")
         s.resume = Reached(better.fit)
         f, last = search(s)
+        f, whites = needed_fit(s, f)
     if f.theta.size and s.sim.rugged(f.hypothesis):
         s.say("refining parameters")
         f = with_timestep_error(s, polished(s.sim, f, s.train, s.whiten(f)[0], s.seed), s.train)

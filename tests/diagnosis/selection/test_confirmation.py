@@ -152,7 +152,7 @@ def test_what_harms_is_no_measure_of_what_is_missed(rubbing_finely, monkeypatch)
     assert gone[0] == GAIN and len(gone) == 2 and len(f.hypothesis.terms) == 2
 
 
-def test_what_holds_a_machine_where_it_is_adds_to_the_missing_force_and_goes(rubbing_finely):
+def test_what_holds_a_machine_where_it_is_adds_to_the_missing_force_and_goes(rubbing_finely, monkeypatch):
     """The truth is dry friction of 0.1 N m; far too much inertia would need forces that nobody gave."""
     s, p = rubbing_finely
     w = p.windows("choice", confirmation.SHORT, WINDOWS, seed=1)
@@ -161,6 +161,10 @@ def test_what_holds_a_machine_where_it_is_adds_to_the_missing_force_and_goes(rub
     rubs = fitted(s, {COULOMB: [0.1]})
     assert confirmation._adds(p, heavy, ARMATURE, w, missing(p.sim, heavy, w, p.noise)) > 0.8
     assert confirmation._adds(p, rubs, COULOMB, w, missing(p.sim, rubs, w, p.noise)) < 0.05
+    # where force is seldom missing, no effect can add to it
+    monkeypatch.setattr(confirmation, "_adds", None)
+    assert confirmation._without_what_adds(p, s, rubs, "choice") == (rubs, [])
+    monkeypatch.undo()
     f, _, gone = confirmed(p, s, fitted(s, {COULOMB: [0.1], ARMATURE: [inertia]}), "choice")
     assert gone == [ARMATURE] and f.theta == pytest.approx([0.1], rel=0.1)
     assert "armature at " in p.warnings[-1] and confirmation.ADDS in p.warnings[-1]

@@ -27,11 +27,12 @@ class Bench:
     """A search whose longer windows find what it is told that they find, by their length in seconds."""
 
     def __init__(self, monkeypatch, found, usual=None, better=True, longest=100.0):
-        self.sim, self.searched, self.whole = SimpleNamespace(stride=1), [], longest
+        self.sim, self.searched, self.whole = SimpleNamespace(stride=1, rugged=lambda h: False), [], longest
         self.found, self.usual = found, usual or (lambda length: length)
         monkeypatch.setattr(procedure, "build_search", self.build)
         monkeypatch.setattr(procedure, "search", self.search)
-        monkeypatch.setattr(procedure, "_settle", self.settle)
+        monkeypatch.setattr(procedure, "needed_fit", lambda s, f: (f, (None, None)))
+        monkeypatch.setattr(procedure, "_weighed", self.weighed)
         monkeypatch.setattr(procedure, "_usual", lambda s, f: self.usual(s.length))
         monkeypatch.setattr(procedure, "predicts_better", lambda p, new, old: better)
 
@@ -55,7 +56,7 @@ class Bench:
         self.searched.append((s.length, s.resume.fit))
         return self.found[s.length], []
 
-    def settle(self, s, f, last):
+    def weighed(self, s, f, whites, last):
         return f, {"rivals": s.length}
 
     def run(self, f):

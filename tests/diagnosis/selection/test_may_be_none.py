@@ -9,6 +9,7 @@ import pytest
 
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.selection import procedure
+from mpge_jax.diagnosis.selection.backward_elimination import final_fit
 from mpge_jax.diagnosis.selection.criteria import may_be_none
 from mpge_jax.diagnosis.selection.procedure import Decision
 from tests.diagnosis.searches import COULOMB, GAIN, fitted
@@ -33,7 +34,7 @@ def test_it_goes_where_nothing_is_left_without_it(rubbing, monkeypatch, missed):
     if missed:
         monkeypatch.setattr(procedure, "what_is_left", lambda *_: (Floor(), "something"))
     p.warnings.clear()
-    f, _ = procedure.final_fit(s, fitted(s, {COULOMB: [0.1], GAIN: [1.0]}))
+    f, _ = final_fit(s, fitted(s, {COULOMB: [0.1], GAIN: [1.0]}))
     found, _ = procedure.tested(p, s, Decision(f, {COULOMB: [], GAIN: []}, Floor(), None, s))
     assert set(found.fit.hypothesis.terms) == ({COULOMB, GAIN} if missed else {COULOMB})
     assert set(found.rivals) == set(found.fit.hypothesis.terms)
