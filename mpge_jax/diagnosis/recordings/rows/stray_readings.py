@@ -14,8 +14,8 @@ from mpge_jax.diagnosis.recordings.recording import Recording, quaternion_column
 Array = np.ndarray
 REACH = 2
 """Rows on either side that tell where a reading should be: a cubic through four of them."""
-FAR = 12.0
-"""Deviations of what such cubics miss otherwise, here and in all of a recording, from which on a reading is doubted."""
+FAR = 16.0
+"""Deviations of other readings, here and in all of a recording, from which on a reading is doubted."""
 ALONE = 0.1
 """Share of the misses of the five cubics around a stray reading that it may leave; a kink of a motion, as an impact
 makes it, leaves 0.22."""
@@ -51,23 +51,30 @@ def without_stray_readings(r: Recording, model: mujoco.MjModel, names: Names) ->
 def stray_rows(time: Array, value: Array) -> Array:
     """Which readings [T] of a column are somewhere else for a single row; none where that is common.
 
-    What a reading misses by, of the cubic through its four neighbours, is compared with what others miss. A stray
-    reading moves the cubics of its neighbours too, in proportions that follow from the times: where these explain the
-    five misses, and it lies beyond both its neighbours, it is one. (A reading between them may be older than its
-    stamp.)
+    What a reading misses by, of the cubic through its four neighbours, is compared with what others miss, each in units
+    of what noise makes of it where rows are unevenly spaced. A stray reading moves the cubics of its neighbours too, in
+    proportions that follow from the times: where these explain the five misses, better than those of any reading near
+    it, and it lies beyond both its neighbours, it is one. (A reading between them may be older than its stamp.)
     """
     stray = np.zeros(value.size, bool)
     if value.size < FEWEST_ROWS or not np.isfinite(value).all():
         return stray
     value, step = value.copy(), quantum([value], rests=True)
     weights = _weights(time)
+    noise = np.maximum(np.linalg.norm(weights, axis=1), 1e-300)
+    pattern = _patterns(weights / noise[:, None])
     for _ in range(int(MOST * value.size) + 1):
         missed = _missed(weights, value)
-        usual = np.maximum(_around(np.abs(missed)), _MAD * np.median(np.abs(missed[REACH:-REACH])))
+        size = np.abs(missed) / noise
+        usual = np.maximum(_around(size), _MAD * np.median(size[REACH:-REACH]))
         usual = np.maximum(usual, max(step / STEPS, np.spacing(np.abs(value).max(initial=1.0))))
-        doubted = _peaks(np.abs(missed) / usual) & (_beyond_neighbours(value) > FAR * usual) & ~stray
-        found = [t for t in np.flatnonzero(doubted) if _is_stray(weights, missed, int(t))]
-        if not found:
+        around = _near(missed / noise)
+        explained = np.einsum("tk,tk->t", pattern, around)
+        left = np.linalg.norm(around - explained[:, None] * pattern, axis=1)
+        alone = left < ALONE * np.linalg.norm(around, axis=1)
+        far = _beyond_neighbours(value) > FAR * usual
+        found = np.flatnonzero(_peaks(np.abs(explained) / usual) & far & alone & ~stray)
+        if not found.size:
             break
         stray[found] = True
         value[found] -= missed[found]
@@ -123,10 +130,15 @@ def _peaks(doubt: Array) -> Array:
     return doubt >= np.max(neighbours, axis=0)
 
 
-def _is_stray(weights: Array, missed: Array, row: int) -> bool:
-    """Whether one wrong reading explains what the cubics around it miss."""
-    rows = np.arange(max(row - REACH, 0), min(row + REACH + 1, missed.size))
-    pattern = weights[rows, row - rows + REACH]
-    here = missed[rows]
-    size = float(pattern @ here) / float(pattern @ pattern)
-    return float(np.linalg.norm(here - size * pattern)) < ALONE * float(np.linalg.norm(here))
+def _near(x: Array) -> Array:
+    """[T, 5] of each row and its neighbours; zero beyond the ends."""
+    padded = np.pad(x, REACH)
+    return np.stack([padded[k : k + x.size] for k in range(2 * REACH + 1)], axis=1)
+
+
+def _patterns(weights: Array) -> Array:
+    """[T, 5] in what proportions a wrong reading in each row moves the misses around it; of length one."""
+    last = 2 * REACH
+    out = np.stack([_near(weights[:, last - k])[:, k] for k in range(last + 1)], axis=1)
+    length: Array = np.linalg.norm(out, axis=1, keepdims=True)
+    return out / np.maximum(length, 1e-300)

@@ -29,6 +29,19 @@ def test_single_strays_are_found_and_nothing_else():
     assert np.flatnonzero(stray_rows(time, value)).tolist() == wrong.tolist()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_strays_between_unevenly_spaced_rows_are_found(seed):
+    """Stamps a third of the usual step off: cubics through close rows miss by more than the stray itself does."""
+    rng = np.random.default_rng(seed)
+    time = 0.005 * (np.arange(1800) + rng.uniform(-0.35, 0.35, 1800))
+    time = time[rng.random(1800) > 0.02]
+    value = np.round((np.sin(3 * time) + 1.5e-4 * rng.standard_normal(time.size)) / 5e-5) * 5e-5
+    assert not stray_rows(time, value).any()
+    wrong = np.arange(20, time.size - 20, 60)
+    value[wrong] += rng.choice([-1, 1], wrong.size) * rng.uniform(0.1, 0.5, wrong.size)
+    assert np.flatnonzero(stray_rows(time, value)).tolist() == wrong.tolist()
+
+
 @pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-3])
 def test_an_impact_is_motion(noise):
     """A ball that bounces off the floor: its velocity jumps between rows, or in a row."""
