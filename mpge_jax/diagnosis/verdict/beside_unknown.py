@@ -15,9 +15,10 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, fit_report, judged, left_out
 from mpge_jax.diagnosis.evidence.numerics_seen import amounts_seen
+from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.residual.motion import functions_of_motion
 from mpge_jax.diagnosis.selection.confirmation import predicts_better
-from mpge_jax.diagnosis.selection.procedure import Decision, decide, tested, what_is_left
+from mpge_jax.diagnosis.selection.procedure import Decision, decide, look, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, REMAINS
@@ -45,7 +46,26 @@ def beside_unknown(
     anywhere = list(dict.fromkeys([*at, *here]))
     say("asking what one unknown force explains")
     instead = _beside_functions(p, s, found, at, anywhere, say) or elsewhere(p, s, found, anywhere, say)
-    return (found, held) if instead is None else (instead, fit_report(p, instead.fit, "test"))
+    if instead is None:
+        return found, held
+    return _nothing_unknown(p, s, instead, say) or (instead, fit_report(p, instead.fit, "test"))
+
+
+def _nothing_unknown(
+    p: Prepared, s: Search, instead: Decision, say: Callable[[str], None]
+) -> tuple[Decision, FitReport] | None:
+    """What a search finds that begins once more, with what was found beside the unknown, where that leaves nothing:
+    then it was no unknown but what a wrong beginning had hidden. Else None."""
+    say("asking whether what has no name has one, given that")
+    warnings = list(p.warnings)
+    s.resume = Reached(instead.fit)
+    again = look(p, s)
+    if again.left is None:
+        decided, held = tested(p, s, decide(p, s, say, again))
+        if decided.left is None:
+            return decided, held
+    p.warnings[:] = warnings
+    return None
 
 
 def _matters(p: Prepared, s: Search, found: Decision, at: list[str]) -> bool:

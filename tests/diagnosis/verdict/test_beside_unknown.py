@@ -56,6 +56,7 @@ def asked(rubbing, monkeypatch):
         monkeypatch.setattr(module, "_far_better", lambda *_: next(answers, False))
         monkeypatch.setattr(module, "decide", decide)
         monkeypatch.setattr(module, "tested", lambda _p, _s, decision: (decision, None))
+        monkeypatch.setattr(module, "look", lambda _p, _s: SimpleNamespace(left="something"))
         before = Decision(fit, {}, noise, left, s)
         p.warnings.clear()
         after, held = beside_unknown(p, s, before, fit_report(p, fit, "test"), lambda _text: None)
@@ -109,6 +110,33 @@ def test_what_leaves_nothing_once_it_is_found_leaves_nothing(asked):
     friction = fitted(asked.s, {COULOMB: [0.1]})
     answer = asked.of([RUBS], [True, True], friction)
     assert answer.fit is friction and answer.left is None
+
+
+@pytest.mark.parametrize("looked", [None, "something"])
+@pytest.mark.parametrize("decided", [None, "something"])
+def test_what_was_found_beside_it_may_leave_nothing_without_a_name(rubbing, monkeypatch, looked, decided):
+    s, p = rubbing
+    p.warnings[:] = ["before"]
+    gain, friction = fitted(s, {GAIN: [0.9]}), fitted(s, {COULOMB: [0.1]})
+    began = []
+
+    def look(_p, search):
+        began.append(search.resume.fit)
+        return SimpleNamespace(left=looked)
+
+    def decide(machine, search, _say, _looked):
+        machine.warnings.append("left out")
+        return Decision(friction, {}, Floor(), decided, search)
+
+    monkeypatch.setattr(module, "look", look)
+    monkeypatch.setattr(module, "decide", decide)
+    monkeypatch.setattr(module, "tested", lambda _p, _s, decision: (decision, "held"))
+    answer = module._nothing_unknown(p, s, Decision(gain, {}, Floor(), None, s), lambda _text: None)
+    assert began == [gain]
+    if looked is None and decided is None:
+        assert answer[0].fit is friction and answer[1] == "held" and p.warnings == ["before", "left out"]
+    else:
+        assert answer is None and p.warnings == ["before"]
 
 
 def test_a_name_that_is_found_again_is_not_said_to_be_left_out(asked):
