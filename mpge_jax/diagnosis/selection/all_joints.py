@@ -27,6 +27,7 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
+LAWS = ("coulomb_friction", "viscous_damping", "quadratic_drag")
 IN_EVERY_DRIVE = ("actuator_delay", "actuator_gain")
 LOAD = "payload_mass"
 ITERATIONS = 5
@@ -38,6 +39,7 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     if current.hypothesis.rugged or at_noise(s, current, s.whiten_one(current, s.train)):
         return current
     joints = [_with_all(s, current, keep) for keep in (False, True)]
+    joints.append(_with_all_laws(s, current))
     drives = [_with_every_drive(s, current, (effect,)) for effect in IN_EVERY_DRIVE]
     starts = [f for f in (*joints, *drives) if f is not None]
     if not starts:
@@ -99,6 +101,22 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
     if len(hypothesis.terms) == known:
         return None
     theta = hypothesis.gather(ctx, parts)
+    return Fitted(hypothesis, theta, theta.copy())
+
+
+def _with_all_laws(s: Search, current: Fitted) -> Fitted | None:
+    """`current` with all plain laws of friction at every joint that has one of them: for two of them together a third
+    may have been mistaken (viscous damping for dry friction and drag). None where none is to be added."""
+    rubbing = {t.place for t in current.hypothesis.terms if t.id in LAWS}
+    hypothesis = current.hypothesis
+    for term in s.terms:
+        if term.id in LAWS and term.place in rubbing and compatible(hypothesis, term):
+            hypothesis = hypothesis.with_term(term)
+    if hypothesis == current.hypothesis:
+        return None
+    ctx = s.sim.ctx
+    parts = {t: t.effect.null(ctx, t.place) for t in hypothesis.terms}
+    theta = hypothesis.gather(ctx, parts | current.hypothesis.split(ctx, current.theta))
     return Fitted(hypothesis, theta, theta.copy())
 
 

@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inertias
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import as_wide_as_recordings_differ
 from mpge_jax.diagnosis.estimation.whitening import Whitener
-from mpge_jax.diagnosis.evidence.held_out_error import MAY_BE_NONE, FitReport, left_out
+from mpge_jax.diagnosis.evidence.held_out_error import MAY_BE_NONE, FitReport, fit_report, left_out
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.recordings.three_parts import Part
@@ -28,7 +28,7 @@ from mpge_jax.diagnosis.selection.remainder import Remainder, leaves, remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.windows import Windows
-from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, EXCHANGES
+from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, EXCHANGES, SLIGHT
 
 REFINED = 60
 """Windows of the reported length, at most, from which parameters are refined in the end."""
@@ -101,12 +101,12 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None], looked: Look | No
     noise, left = looked.noise, looked.left
     if noise is None or f is not looked.fit:
         noise, left = what_is_left(p, f, s)
+    longest, length = s, c.report_s
     if left is None and f.hypothesis.terms:
-        left = _left_of_longer_windows(p, s, f, say)
-    longest = s
+        left, length = _left_of_longer_windows(p, s, f, say)
     if left is not None or not f.hypothesis.terms:
         reached = f
-        f, rivals, longest = _on_longer_windows(p, s, f, rivals, say)
+        f, rivals, longest = _on_longer_windows(p, s, f, rivals, length, say)
         if f is not reached or left is None:
             # what is too slight to show in the shorter windows, and what nobody can name, may show in these
             noise, left = what_is_left(p, f, s, longest)
@@ -182,18 +182,25 @@ def what_is_left(p: Prepared, f: Fitted, *searches: Search) -> tuple[Floor, Rema
 
 def _left_of_longer_windows(
     p: Prepared, s: Search, f: Fitted, say: Callable[[str], None]
-) -> Remainder | None:
-    """What `f` leaves of windows of the reported length, where that is more than noise: what is slight adds up in
-    them. Impacts do, too, whatever is missing."""
+) -> tuple[Remainder | None, float]:
+    """What `f` leaves of longer windows, where that is more than noise, and their length (s): what is slight adds up in
+    them. Impacts do, too, whatever is missing.
+
+    Windows of the reported length are asked; where their errors are more than noise and a slight rest, longer ones too.
+    """
+    length = p.config.report_s
     if s.sim.rugged(f.hypothesis):
-        return None
-    stride = s.sim.stride
-    left, longer = None, _longer_search(p, s, p.config.report_s, say)
-    if longer is not None:
+        return None, length
+    stride, report, left = s.sim.stride, None, None
+    while (longer := _longer_search(p, s, length, say)) is not None:
         left = what_is_left(p, f, longer)[1]
         s.log += longer.log
+        report = fit_report(p, f, "choice") if report is None else report
+        if left is not None or report.left(rugged=False) ** 2 <= SLIGHT:
+            break
+        length *= 2.0
     s.sim.stride = stride
-    return left
+    return left, length
 
 
 def _longer_search(p: Prepared, s: Search, length: float, say: Callable[[str], None]) -> Search | None:
@@ -204,16 +211,23 @@ def _longer_search(p: Prepared, s: Search, length: float, say: Callable[[str], N
 
 
 def _on_longer_windows(
-    p: Prepared, s: Search, f: Fitted, rivals: dict[Term, list[Rival]], say: Callable[[str], None]
+    p: Prepared,
+    s: Search,
+    f: Fitted,
+    rivals: dict[Term, list[Rival]],
+    length: float,
+    say: Callable[[str], None],
 ) -> tuple[Fitted, dict[Term, list[Rival]], Search]:
     """`f` with its rivals, or what a search finds that goes on from there in windows longer than those of `s`, where
     what is slight adds up and what a window's start leaves open counts less; and the search in the longest of them.
 
     Windows become twice as long as often as that finds more, what is left shows in them more clearly (a motion that
     cannot be predicted for so long shows less), and recordings that only choose are predicted better with it.
+
+    Args:
+        length: of the first ones (s).
     """
-    longest = s
-    length, usual, stride = p.config.report_s, _usual(s, f), s.sim.stride
+    longest, usual, stride = s, _usual(s, f), s.sim.stride
     while True:
         longer = _longer_search(p, longest, length, say)
         if longer is None or (f.hypothesis.terms and _usual(longer, f) <= usual):
