@@ -191,9 +191,9 @@ def _left_of_longer_windows(
     length = p.config.report_s
     if s.sim.rugged(f.hypothesis):
         return None, length
-    stride, report, left = s.sim.stride, None, None
-    while (longer := _longer_search(p, s, length, say)) is not None:
-        left = what_is_left(p, f, longer)[1]
+    stride, report, left, longest = s.sim.stride, None, None, s
+    while (longer := _longer_search(p, longest, length, say)) is not None:
+        longest, left = longer, what_is_left(p, f, longer)[1]
         s.log += longer.log
         report = fit_report(p, f, "choice") if report is None else report
         if left is not None or report.left(rugged=False) ** 2 <= SLIGHT:

@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.selection import all_joints
 from mpge_jax.diagnosis.selection.all_joints import everywhere
 from mpge_jax.diagnosis.selection.competition import at_noise
-from tests.diagnosis.machines import ARM, FINE_ARM, really_sticks, record
+from tests.diagnosis.machines import ARM, FINE_ARM, PENDULUM, really_sticks, record
 from tests.diagnosis.searches import search_of
 
 FRICTION, ROTOR = np.array([0.25, 0.12]), np.array([0.03, 0.02])
@@ -51,6 +51,26 @@ def test_friction_and_rotor_inertia_in_every_joint_are_found_together_and_a_load
     for joint, friction, rotor in zip(("shoulder", "elbow"), FRICTION, ROTOR, strict=True):
         assert parts[f"coulomb_friction@{joint}"] == pytest.approx(friction, rel=0.1)
         assert parts[f"armature@{joint}"] == pytest.approx(rotor, rel=0.15)
+
+
+def test_damping_gives_way_to_dry_friction_and_drag():
+    def force(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        v = float(data.qvel[0])
+        data.qfrc_applied[0] -= 0.03 * abs(v) * v
+
+    def change(model: mujoco.MjModel) -> None:
+        really_sticks(model)
+        model.dof_frictionloss[0] = 0.1
+
+    s = search_of(PENDULUM, record(PENDULUM, 0.8, change=change, force=force))[0]
+    one = _fitted(s, {"viscous_damping@hinge": 0.08})
+    found = everywhere(s, one)
+    parts = {str(t): float(x[0]) for t, x in found.hypothesis.split(s.sim.ctx, found.theta).items()}
+    assert set(parts) == {"coulomb_friction@hinge", "quadratic_drag@hinge"}
+    assert parts["coulomb_friction@hinge"] == pytest.approx(0.1, rel=0.05)
+    assert parts["quadratic_drag@hinge"] == pytest.approx(0.03, rel=0.05)
+    # at joints that no law was found at nothing is added
+    assert all_joints._with_all_laws(s, _fitted(s, {"armature@hinge": 0.01})) is None
 
 
 CRANE = """<mujoco><option timestep="0.002" integrator="implicitfast"/>

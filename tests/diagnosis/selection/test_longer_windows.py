@@ -59,11 +59,11 @@ class Bench:
     def weighed(self, s, f, whites, last):
         return f, {"rivals": s.length}
 
-    def run(self, f):
+    def run(self, f, begins=0.5):
         p = SimpleNamespace(config=Config())
         s = self.build(p, None, 0.25)
         self.sim.stride = 1
-        return procedure._on_longer_windows(p, s, f, {}, lambda text: None)
+        return procedure._on_longer_windows(p, s, f, {}, begins, lambda text: None)
 
 
 @pytest.mark.parametrize(
@@ -95,6 +95,39 @@ def test_each_search_goes_on_from_what_the_last_one_found(monkeypatch):
     bench = Bench(monkeypatch, {0.5: TWO, 1.0: THREE, 2.0: THREE})
     bench.run(ONE)
     assert [f for _, f in bench.searched] == [ONE, TWO, THREE]
+
+
+def test_it_begins_where_something_is_left(monkeypatch):
+    bench = Bench(monkeypatch, {1.0: TWO, 2.0: TWO})
+    assert bench.run(ONE, begins=1.0)[0] is TWO
+    assert [length for length, _ in bench.searched] == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("share", "shows", "found", "asked"),
+    [
+        (0.05, (1.0,), 1.0, [0.5, 1.0]),
+        (0.05, (), None, [0.5, 1.0, 2.0]),  # no recording is longer
+        (0.01, (1.0,), None, [0.5]),
+        (0.01, (0.5, 1.0), 0.5, [0.5]),
+    ],
+)
+def test_longer_windows_are_asked_where_more_than_a_slight_rest_is_reported(
+    monkeypatch, share, shows, found, asked
+):
+    bench, lengths = Bench(monkeypatch, {}, longest=2.0), []
+
+    def what_is_left(_p, _f, s):
+        lengths.append(s.length)
+        return Floor(), s.length if s.length in shows else None
+
+    monkeypatch.setattr(procedure, "what_is_left", what_is_left)
+    monkeypatch.setattr(procedure, "fit_report", lambda *_: SimpleNamespace(left=lambda rugged: share**0.5))
+    s = bench.build(None, None, 0.25)
+    bench.sim.stride = 1
+    left, length = procedure._left_of_longer_windows(SimpleNamespace(config=Config()), s, ONE, lambda _: None)
+    assert left == found and lengths == asked and bench.sim.stride == 1
+    assert found is None or length == found
 
 
 def test_a_few_windows_decide_nothing(monkeypatch):
