@@ -15,8 +15,9 @@ ALONE := OPENBLAS_NUM_THREADS=1
 METHODS ?= direct SPG MPG-MS MPGE-MS Vine GAT diagnosed target
 
 PY := $(VENV)/bin/python
-# Without build isolation, so that what builds the project is pinned too.
-PIP := $(PY) -m pip install --disable-pip-version-check --no-input --no-build-isolation -c constraints.txt
+# Without build isolation, so that what builds the project is pinned too. Python compiles what it imports, when it does:
+# most of what is installed is never imported.
+PIP := $(PY) -m pip install --disable-pip-version-check --no-input --no-compile --no-build-isolation -c constraints.txt
 # The banner is an advertisement of another tool.
 BUILD_DOCS := NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet
 STAMP := $(VENV)/.installed

@@ -143,10 +143,10 @@ def same_diagnosis(a: Path, b: Path) -> None:
 
 
 @contextmanager
-def fleets(folder: Path, *more: str, figures: str = "") -> Iterator[Callable[..., Any]]:
+def fleets(folder: Path, *more: str) -> Iterator[Callable[..., Any]]:
     options = [*small_fleet.make(folder / "given"), *more]
     run = "(sys.argv.extend(['--out', out]), fleet.main())[1]"
-    imports = "from experiments.fleet import __main__ as fleet" + figures
+    imports = "from experiments.fleet import __main__ as fleet"
     with command(imports, options, run, folder / "programs") as once:
         yield once
 
@@ -186,9 +186,9 @@ def same_arrays(a: Path, b: Path) -> None:
 
 
 @contextmanager
-def trainings(folder: Path, main: str) -> Iterator[Callable[..., Any]]:
+def trainings(folder: Path) -> Iterator[Callable[..., Any]]:
     imports = "from tests.experiments import test_pretrain"
-    with command(imports, [], f"test_pretrain.{main}(out)", folder / "programs") as once:
+    with command(imports, [], "test_pretrain.tiny_main(out)", folder / "programs") as once:
         yield once
 
 
@@ -201,19 +201,9 @@ def test_a_diagnosis_that_is_killed_goes_on(tmp_path):
         kill_often(once, tmp_path, SELDOM, same_diagnosis)
 
 
-def test_a_fleet_that_is_killed_goes_on(tmp_path):
-    with fleets(tmp_path, figures=QUICK_FIGURES) as once:
-        kill_often(once, tmp_path, SELDOM, same_fleet)
-
-
 def test_a_sweep_that_is_killed_goes_on(tmp_path):
     with sweeps(tmp_path, "faked_main", "direct", "SPG", "GAT") as once:
         kill_often(once, tmp_path, SELDOM, same_sweep)
-
-
-def test_a_training_that_is_killed_goes_on(tmp_path):
-    with trainings(tmp_path, "faked_main") as once:
-        kill_often(once, tmp_path, SELDOM, same_training)
 
 
 @pytest.mark.slow
@@ -238,5 +228,5 @@ def test_sweeps_killed_often(tmp_path):
 
 @pytest.mark.slow
 def test_trainings_killed_often(tmp_path):
-    with trainings(tmp_path, "tiny_main") as once:
+    with trainings(tmp_path) as once:
         kill_often(once, tmp_path, OFTEN, same_training)

@@ -22,23 +22,6 @@ CONFIG = AgentConfig(
 )  # fmt: skip
 
 
-def faked_main(out: str) -> int:
-    """What processes that are killed often run: a training of one multiplication, with a checkpoint after each."""
-
-    def train(args, folder):
-        start = policies.load(policies.shipped_path("InvertedPendulum", "MS"))[0].select([0])
-        update = jax.jit(lambda state: (jax.tree.map(lambda x: 1.001 * x, state), {"return": jnp.zeros(1)}))
-        result, _ = pretrain.loop.run(
-            update, start, 12, folder=folder / "set", identity={}, seconds_between_checkpoints=0.0, quiet=True
-        )
-        return result, {"task": "InvertedPendulum"}
-
-    pretrain.train = train
-    pretrain.returns_of = lambda *_: {}
-    pretrain.main(pretrain.Args(out=Path(out), quiet=True))
-    return 0
-
-
 def tiny_main(out: str) -> int:
     """What processes that are killed run: a few steps of two policies, with a checkpoint after every iteration."""
     original = pretrain.loop.run

@@ -91,6 +91,7 @@ def test_a_method_that_never_gets_there_is_said_so():
     )
 
 
+@pytest.mark.slow
 def test_times_to_an_error_are_measured_from_a_log(monkeypatch):
     monkeypatch.setattr(error_time, "ERROR", 100.0)
     monkeypatch.setattr(error_time, "SOURCE", "InvertedPendulum")

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import mujoco
 import numpy as np
+import pytest
 
 from experiments.tuning import stopping_arms
 from mpge_jax.diagnosis import Config, diagnose
@@ -35,6 +36,7 @@ def test_a_score_counts_what_cannot_be_told_apart_as_said_and_what_is_doubtful_a
     )
 
 
+@pytest.mark.slow
 def test_friction_of_a_joint_that_stops_and_goes_is_plain():
     lacks, recordings = stopping_arms.case(8)
     assert "coulomb_friction@bend" in lacks
