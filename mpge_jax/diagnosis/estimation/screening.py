@@ -29,6 +29,7 @@ ELABORATE = (
 WHERE_PLAIN_HELPS = (*ELABORATE, "viscous_damping:explicit")
 """What is tried where a plain law of friction helps."""
 PLAIN = ("coulomb_friction", "viscous_damping", "quadratic_drag")
+"""Laws of friction that contain no other."""
 PLACES = 3
 """Places at which the elaborate laws are tried: where plain ones help most."""
 PROMISING = 0.01

@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
-from mpge_jax.diagnosis.estimation.screening import ELABORATE
+from mpge_jax.diagnosis.estimation.screening import ELABORATE, PLAIN
 from mpge_jax.diagnosis.estimation.whitening import Whitener, usual_excess
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.selection.competition import at_noise, loud_in
@@ -27,7 +27,6 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
-LAWS = ("coulomb_friction", "viscous_damping", "quadratic_drag")
 IN_EVERY_DRIVE = ("actuator_delay", "actuator_gain")
 LOAD = "payload_mass"
 ITERATIONS = 5
@@ -38,8 +37,7 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     # where a motor bounces in its gap, the rest is more than noise though nothing is missing
     if current.hypothesis.rugged or at_noise(s, current, s.whiten_one(current, s.train)):
         return current
-    joints = [_with_all(s, current, keep) for keep in (False, True)]
-    joints.append(_with_all_laws(s, current))
+    joints = [*(_with_all(s, current, keep) for keep in (False, True)), _with_all_laws(s, current)]
     drives = [_with_every_drive(s, current, (effect,)) for effect in IN_EVERY_DRIVE]
     starts = [f for f in (*joints, *drives) if f is not None]
     if not starts:
@@ -107,10 +105,10 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
 def _with_all_laws(s: Search, current: Fitted) -> Fitted | None:
     """`current` with all plain laws of friction at every joint that has one of them: for two of them together a third
     may have been mistaken (viscous damping for dry friction and drag). None where none is to be added."""
-    rubbing = {t.place for t in current.hypothesis.terms if t.id in LAWS}
+    rubbing = {t.place for t in current.hypothesis.terms if t.id in PLAIN}
     hypothesis = current.hypothesis
     for term in s.terms:
-        if term.id in LAWS and term.place in rubbing and compatible(hypothesis, term):
+        if term.id in PLAIN and term.place in rubbing and compatible(hypothesis, term):
             hypothesis = hypothesis.with_term(term)
     if hypothesis == current.hypothesis:
         return None

@@ -188,15 +188,16 @@ def _left_of_longer_windows(
 
     Windows of the reported length are asked; where their errors are more than noise and a slight rest, longer ones too.
     """
-    length = p.config.report_s
+    reported = length = p.config.report_s
     if s.sim.rugged(f.hypothesis):
         return None, length
-    stride, report, left, longest = s.sim.stride, None, None, s
+    stride, left, longest = s.sim.stride, None, s
     while (longer := _longer_search(p, longest, length, say)) is not None:
         longest, left = longer, what_is_left(p, f, longer)[1]
         s.log += longer.log
-        report = fit_report(p, f, "choice") if report is None else report
-        if left is not None or report.left(rugged=False) ** 2 <= SLIGHT:
+        if left is not None:
+            break
+        if length == reported and fit_report(p, f, "choice").left(rugged=False) ** 2 <= SLIGHT:
             break
         length *= 2.0
     s.sim.stride = stride

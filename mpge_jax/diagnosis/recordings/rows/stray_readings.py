@@ -73,7 +73,8 @@ def stray_rows(time: Array, value: Array) -> Array:
         left = np.linalg.norm(around - explained[:, None] * pattern, axis=1)
         alone = left < ALONE * np.linalg.norm(around, axis=1)
         far = _beyond_neighbours(value) > FAR * usual
-        found = np.flatnonzero(_peaks(np.abs(explained) / usual) & far & alone & ~stray)
+        doubt = np.abs(explained) / usual
+        found = np.flatnonzero((doubt >= _near(doubt).max(1)) & far & alone & ~stray)
         if not found.size:
             break
         stray[found] = True
@@ -98,8 +99,9 @@ def _weights(time: Array) -> Array:
 
 
 def _missed(weights: Array, value: Array) -> Array:
-    padded = np.pad(value, REACH, mode="edge")
-    return sum(weights[:, k] * padded[k : k + value.size] for k in range(2 * REACH + 1))
+    """[T] what each reading misses by; 0 at the ends."""
+    missed: Array = np.einsum("tk,tk->t", weights, _near(value))
+    return missed
 
 
 def _expected(time: Array, value: Array) -> Array:
@@ -122,12 +124,6 @@ def _beyond_neighbours(value: Array) -> Array:
     before, here, after = value[:-2], value[1:-1], value[2:]
     out[1:-1] = np.maximum(here - np.maximum(before, after), np.minimum(before, after) - here)
     return out
-
-
-def _peaks(doubt: Array) -> Array:
-    padded = np.pad(doubt, REACH)
-    neighbours = [padded[k : k + doubt.size] for k in range(2 * REACH + 1) if k != REACH]
-    return doubt >= np.max(neighbours, axis=0)
 
 
 def _near(x: Array) -> Array:
