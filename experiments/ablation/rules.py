@@ -233,7 +233,7 @@ GATES = (
         "where nothing was found or something is left, longer windows are looked at",
         ("ENOUGH_WINDOWS",),
         "selection.procedure:_on_longer_windows",
-        lambda _own, _p, s, f, rivals, _say: (f, rivals, s),
+        lambda _own, _p, s, f, rivals, *_args: (f, rivals, s),
         # what is left shows in them too
         lambda answer, _p, s, *_args: answer[2] is not s,
     ),

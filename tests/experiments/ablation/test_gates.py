@@ -33,6 +33,16 @@ def test_a_rule_is_a_function_of_the_engine_with_its_numbers(each):
     assert set(each.numbers) <= set(_numbers(thresholds))
 
 
+@EACH
+def test_a_substitute_takes_what_its_function_takes(each):
+    own = _function(each.where)
+    given = [p for p in inspect.signature(own).parameters.values() if p.default is p.empty]
+    assert all(p.kind is p.POSITIONAL_OR_KEYWORD for p in given)
+    inspect.signature(each.off).bind(own, *given)
+    if each.acted is not None:
+        inspect.signature(each.acted).bind("answer", *given)
+
+
 def test_every_number_that_decides_stands_in_one_place_and_belongs_to_a_rule():
     assert set(_numbers(thresholds)) == {n for g in GATES for n in g.numbers}
     assert len(_numbers(thresholds)) <= 40
