@@ -5,13 +5,17 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
-# Nearly all the time of the tests is compilation of programs that run once: LLVM optimises none of them, and XLA's
-# older, plainer code is compiled twice as fast as that of its fusion emitters (jaxlib 0.11 no longer has it, and ends
-# the process at a flag that it does not know). Before JAX.
+# Nearly all the time of the tests is compilation of programs that run once: LLVM optimises none of them, XLA's older,
+# plainer code is compiled twice as fast as that of its fusion emitters, and programs are compiled whole, where parts
+# serve more threads (jaxlib 0.11 ends the process at a flag that it does not know). Before JAX.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_backend_optimization_level=0"
-    + (" --xla_cpu_use_fusion_emitters=false" if version("jaxlib").startswith("0.10.") else ""),
+    + (
+        " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+        if version("jaxlib").startswith("0.10.")
+        else ""
+    ),
 )
 
 import hypothesis

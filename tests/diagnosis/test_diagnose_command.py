@@ -31,6 +31,7 @@ from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.corrected.mjcf import write_models
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.machine.model import load_spec
+from mpge_jax.diagnosis.report import folder as report_folder
 from mpge_jax.diagnosis.report import tables
 from mpge_jax.diagnosis.selection.setup import build_search
 from tests.diagnosis.machines import FINE_PENDULUM, PENDULUM, record
@@ -423,6 +424,8 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, result, tmp_path, mo
     logs = []
     original = whole.find
     monkeypatch.setattr(whole, "find", lambda *a: logs.append(original(*a)) or logs[-1])
+    drawn = {path.stem: path for path in (whole_out / "figures").iterdir()}
+    monkeypatch.setattr(report_folder, "draw", lambda *_: drawn)
     assert main(arguments) == 0
     assert not any(line.startswith("round 1") for line in logs[0].log)
     assert [t.id for t in logs[0].terms] == ["coulomb_friction"]

@@ -202,7 +202,7 @@ def test_a_diagnosis_that_is_killed_goes_on(tmp_path):
 
 
 def test_a_sweep_that_is_killed_goes_on(tmp_path):
-    with sweeps(tmp_path, "faked_main", "direct", "SPG", "GAT") as once:
+    with sweeps(tmp_path, "faked_main", "direct", "GAT") as once:
         kill_often(once, tmp_path, SELDOM, same_sweep)
 
 

@@ -38,15 +38,20 @@ class Errors:
 
 
 def errors(
-    sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts: Mapping[str, float] = NO_AMOUNTS
+    sim: Simulator,
+    f: Fitted,
+    w: Windows,
+    noise: Noise,
+    amounts: Mapping[str, float] = NO_AMOUNTS,
+    near: Fitted | None = None,
 ) -> Errors:
     """Open-loop prediction errors of positions in joint space, from starts that `f` itself tells (`told_starts`).
 
     Args:
-        amounts: how much of each of `numerics` predictions are to have.
+        amounts: how much of each of `numerics` predictions are to have. near: as in `told`.
     """
     nv = sim.model.nv
-    w = told(sim, f, w, column_scale(noise, sim.model))
+    w = told(sim, f, w, column_scale(noise, sim.model), near)
     residual = sim.residuals([Run(f.hypothesis, f.theta)], w)[0][..., :nv]
     if any(amounts.values()):
         residual = residual + _numerical_moves(sim, f, w, noise, amounts)

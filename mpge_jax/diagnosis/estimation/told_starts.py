@@ -27,24 +27,27 @@ FAR = 1e6
 """Deviations of the noise beyond which a residual counts as so many."""
 
 
-def told(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> Windows:
+def told(sim: Simulator, f: Fitted, w: Windows, scale: Array, near: Fitted | None = None) -> Windows:
     """The windows from where `f` goes through their first rows best; as they are where none are kept for that.
 
     The cost of a start is chi^2 of those rows and of its distance from the estimate in `KAPPA` of its deviations.
     Slopes of smooth machines hardly change so near: they are told once.
 
     Args:
-        scale: [2 nv] deviations of the noise (`whitening.column_scale`).
+        scale: [2 nv] deviations of the noise (`whitening.column_scale`). near: a fit near `f` whose slopes serve for
+            its own where the machine is smooth.
     """
     if not w.lead.any():
         return w
+    rugged = sim.rugged(f.hypothesis)
+    guide = f if near is None or rugged or sim.rugged(near.hypothesis) else near
     first, z = w.leading(), w.moved.reshape(w.count, -1).copy()
     (left,), (cost,) = _left(sim, f, first, scale, z[None])
     going, columns = np.arange(w.count), None
     for _ in range(ROUNDS):
         here = first.take(going)
-        if columns is None or sim.rugged(f.hypothesis):
-            columns = _columns(sim, f, replace(here, moved=z[going].reshape(here.moved.shape)), scale)
+        if columns is None or rugged:
+            columns = _columns(sim, guide, replace(here, moved=z[going].reshape(here.moved.shape)), scale)
         step = _step(columns, left[going], z[going])
         tried = np.stack([z[going] + x * step for x in SHORTER])
         each, costs = _left(sim, f, here, scale, tried)

@@ -99,7 +99,7 @@ def _without(
     p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term], amounts: Mapping[str, float] = NO_AMOUNTS
 ) -> dict[Term, Errors]:
     h = f.hypothesis
-    return {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), w, p.noise, amounts) for t in terms}
+    return {t: errors(p.sim, f.of_terms(p.ctx, h.without(t)), w, p.noise, amounts, near=f) for t in terms}
 
 
 BY_CHANCE = "some recordings speak for it, but others are not predicted better with it by more than chance"

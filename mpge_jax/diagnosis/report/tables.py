@@ -124,7 +124,7 @@ def _held_out(d: Result, f: Fitted) -> float | None:
     """Held-out error of another fit, of which only the search decided the parameters."""
     if isinstance(d.held, ForceErrors):
         return number(d.held.of(f))
-    return number(errors(d.prepared.sim, f, d.held.windows, d.prepared.noise).rms)
+    return number(errors(d.prepared.sim, f, d.held.windows, d.prepared.noise, near=d.fit).rms)
 
 
 def _fit(d: Result, held: bool) -> dict[str, Any]:

@@ -69,7 +69,7 @@ def test_it_moves_as_two_bodies_do():
     assert with_it < 0.15 * without
 
 
-@pytest.mark.parametrize("share", [1.0, 0.0])
+@pytest.mark.parametrize("share", [1.0, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_it_is_asked_for_where_a_drive_yields(share):
     s = search_of(NOMINAL, recorded(share))[0]
     plain = final_fit(s, fitted(s, {Term("joint_flexibility", HINGE): [STIFFNESS, DAMPING]}))[0]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors, noise_floor, numerical_floor
 from mpge_jax.diagnosis.estimation.told_starts import left_open, told
@@ -94,3 +94,18 @@ def test_windows_that_keep_no_rows_for_it_stay_as_they_are(rubbing):
     scale = column_scale(p.noise, p.model)
     assert told(p.sim, TRUTH, w, scale) is w
     np.testing.assert_array_equal(left_open(p.sim, TRUTH, w, scale)[0], np.eye(2))
+
+
+def test_slopes_of_a_fit_nearby_serve_where_the_machine_is_smooth(windows):
+    p, _, wrong = windows
+    scale = column_scale(p.noise, p.model)
+    own = told(p.sim, TRUTH, wrong, scale)
+    near = told(p.sim, TRUTH, wrong, scale, near=NOTHING)
+    assert (near.moved != own.moved).any()
+    np.testing.assert_allclose(near.moved, own.moved, atol=0.02)
+    # inside a gap parts strike each other: slopes of one fit say nothing of another
+    gap = np.array([0.02, 0.5])
+    rattles = Fitted(Hypothesis.of(Term("backlash", COULOMB.place)), gap, gap)
+    np.testing.assert_array_equal(told(p.sim, TRUTH, wrong, scale, near=rattles).moved, own.moved)
+    its = told(p.sim, rattles, wrong, scale)
+    np.testing.assert_array_equal(told(p.sim, rattles, wrong, scale, near=TRUTH).moved, its.moved)

@@ -102,7 +102,10 @@ def test_friction_and_rotor_inertia_in_every_joint_are_found_beside_masses_that_
     assert {t.id for t in parts} == {"coulomb_friction", "armature"} and len(parts) == 6
 
 
-@pytest.mark.parametrize(("effect", "size"), [("actuator_delay", 0.03), ("actuator_gain", 0.6)])
+@pytest.mark.parametrize(
+    ("effect", "size"),
+    [pytest.param("actuator_delay", 0.03, marks=pytest.mark.slow), ("actuator_gain", 0.6)],
+)
 def test_what_all_drives_have_in_common_is_found_together(effect, size):
     def change(model: mujoco.MjModel) -> None:
         really_sticks(model)

@@ -45,7 +45,7 @@ def _flights(rotor: int) -> list[Recording]:
 @pytest.mark.parametrize(
     ("joint", "width", "at"),
     [
-        ("shoulder", 0.08, ["shoulder"]),
+        pytest.param("shoulder", 0.08, ["shoulder"], marks=pytest.mark.slow),
         # it lasts a fraction of a window: a constant force at the other joint does nearly as well
         ("elbow", 0.08, ["elbow", "shoulder"]),
     ],
