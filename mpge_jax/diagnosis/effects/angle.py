@@ -16,6 +16,13 @@ LEAST_FREE, FEWEST_ANGLES = 0.05, 50
 samples it takes."""
 AT_ONCE = 64
 """Numbers of periods that are tried at once."""
+A_TURN, IN_TRAVEL = 80.0, 2.0 * np.pi * 40
+"""Most periods that are tried: a turn, or 40 in the travel where that is more (magnets of a linear motor)."""
+SAYS_OF_SLIDE = (
+    "A force of {amplitude} that is a sine of {periods} times the position acts at the {at} (cogging)."
+)
+FINEST = 5.0
+"""Times as many that a fit may end at."""
 OUTLYING = 3.0
 """Medians of the missing torque beyond which a sample is wild (impacts)."""
 HARDENING = ":hardening"
@@ -106,6 +113,11 @@ class HardeningSpring(Closer):
         return Forces(joint=-theta[..., 2] * deflection**3), memory
 
 
+def _most_periods(travel: float) -> float:
+    """Most periods a turn (rad/m: of a slide) that are looked for in such a travel (rad, m)."""
+    return max(A_TURN, IN_TRAVEL / travel)
+
+
 def _sizes(ctx: Context, place: Place) -> tuple[float, float]:
     """Typical torque and travel of a joint."""
     dof = ctx.dof(place)
@@ -123,13 +135,18 @@ class CoggingTorque(Effect):
     remedy = "sweep the joint slowly over full turns"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        t = float(ctx.torque[ctx.dof(place)])
+        t, travel = (float(x[ctx.dof(place)]) for x in (ctx.torque, ctx.travel))
         unit = joint_unit(ctx, place, "N m", "N")
         return (
             Param("amplitude", unit, -20 * t, 20 * t, 0.05 * t),
             Param("phase", "rad", -20 * t, 20 * t, 0.05 * t),
             Param(
-                "periods", "1", 0.5, 400.0, 0.02 / max(float(ctx.travel[ctx.dof(place)]), 0.05), prior=20.0
+                "periods",
+                joint_unit(ctx, place, "1", "rad/m"),
+                0.5,
+                FINEST * _most_periods(travel),
+                0.02 / max(travel, 0.05),
+                prior=20.0,
             ),
         )
 
@@ -152,7 +169,8 @@ class CoggingTorque(Effect):
         r = np.clip(r, -limit, limit)
         span = max(float(np.ptp(q)), 1e-2)
         plain = np.stack([np.ones_like(q), q, v, np.sign(v)], 1) * weight[:, None]
-        periods = np.arange(max(2.0, 3.0 / span), 80.0, min(0.5, 1.0 / span))
+        step = min(1.0, max(0.5, 0.5 * span)) / span
+        periods = np.arange(max(2.0, 3.0 / span), _most_periods(span), step)
         tried = [
             entry
             for k in range(0, periods.size, AT_ONCE)
@@ -181,6 +199,10 @@ class CoggingTorque(Effect):
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return [0, 1]
+
+    def sentence(self, place: Place, values: dict[str, Any]) -> str:
+        says = SAYS_OF_SLIDE if "rad/m" in values["periods"] else self.says
+        return says.format(at=place.name, **values)
 
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any

@@ -48,14 +48,20 @@ def told(sim: Simulator, f: Fitted, w: Windows, scale: Array, near: Fitted | Non
         here = first.take(going)
         if columns is None or rugged:
             columns = _columns(sim, guide, replace(here, moved=z[going].reshape(here.moved.shape)), scale)
-        step = _step(columns, left[going], z[going])
-        tried = np.stack([z[going] + x * step for x in SHORTER])
-        each, costs = _left(sim, f, here, scale, tried)
-        best, rows = costs.argmin(0), np.arange(going.size)
-        gain = cost[going] - costs[best, rows]
-        better, onward = gain > 0.0, gain > NEGLIGIBLE
-        moved = going[better]
-        z[moved], left[moved], cost[moved] = (x[best, rows][better] for x in (tried, each, costs))
+        step, before = _step(columns, left[going], z[going]), cost[going]
+        # where slopes carry far, shorter steps serve those windows alone that a whole one does not
+        for shares in [SHORTER] if rugged else [SHORTER[:1], SHORTER[1:]]:
+            (rest,) = np.nonzero(cost[going] >= before)
+            if not rest.size:
+                break
+            at = going[rest]
+            tried = np.stack([z[at] + x * step[rest] for x in shares])
+            each, costs = _left(sim, f, here.take(rest), scale, tried)
+            best, rows = costs.argmin(0), np.arange(rest.size)
+            better = costs[best, rows] < cost[at]
+            moved = at[better]
+            z[moved], left[moved], cost[moved] = (x[best, rows][better] for x in (tried, each, costs))
+        onward = before - cost[going] > NEGLIGIBLE
         if not onward.any():
             break
         going, columns = going[onward], columns[:, onward]
