@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import REGISTRY
+from mpge_jax.diagnosis.effects.closer import Closer
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.errors import InputError
@@ -68,6 +69,12 @@ def compatible(hypothesis: Hypothesis, term: Term) -> bool:
         if "dead_actuator" in (other.id, term.id) and term.place.kind == "actuator":
             return False
     return True
+
+
+def closer_forms(ctx: Context, term: Term) -> list[Term]:
+    """The closer forms of a plain effect that can act where it does."""
+    forms = [Term(term.plain + ending, term.place) for ending in REGISTRY[term.plain].closer]
+    return [form for form in forms if isinstance(form.effect, Closer) and form.effect.fits(ctx, term.place)]
 
 
 def plain_form(ctx: Context, term: Term, theta: np.ndarray) -> dict[Term, np.ndarray]:

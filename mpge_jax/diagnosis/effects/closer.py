@@ -27,6 +27,8 @@ class Closer(Effect):
     """How many parameters are its own."""
     beside: str = ""
     """An effect of the same place without which it may not show: where the place has none, both are tried together."""
+    imitated_by: str = ""
+    """An effect of the same place that makes the plain one look like it: it has to be better than the two."""
 
     def __init__(self, plain: Effect) -> None:
         self.plain = plain

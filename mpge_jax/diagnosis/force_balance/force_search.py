@@ -81,13 +81,13 @@ class ForceSearch:
 
     def run(self, chosen: Chosen = ()) -> Found:
         """The chosen hypothesis, with rivals of each of its terms; the search goes on from what is `chosen`."""
-        best = self._exchanged(self._grown(self._pruned(self._judge(chosen, self._weights(chosen)))))
-        weighted = self._weights(best.chosen)
+        best = self._exchanged(self._grown(self._pruned(self.judged(chosen, self.weights(chosen)))))
+        weighted = self.weights(best.chosen)
         return Found(best, {e.term: self._rivals(best, e, weighted) for e in best.chosen})
 
     def _grown(self, best: Judged) -> Judged:
         while len(best.chosen) < self.most:
-            weighted = self._weights(best.chosen)
+            weighted = self.weights(best.chosen)
             found = self._best_of(additions(self.entries, self.groups, best.chosen), best, weighted)
             if found is None:
                 break
@@ -102,7 +102,7 @@ class ForceSearch:
     def _completed(self, best: Judged) -> Judged:
         """With what other joints have too where it is clearly seen, though alone it would not win."""
         while True:
-            weighted = self._weights(best.chosen)
+            weighted = self.weights(best.chosen)
             found: list[tuple[float, Judged]] = []
             for e in self.entries:
                 if (
@@ -112,7 +112,7 @@ class ForceSearch:
                 ):
                     continue
                 if sum(o.term.id == e.term.id for o in best.chosen) >= ELSEWHERE:
-                    more = self._judge((*best.chosen, e), weighted)
+                    more = self.judged((*best.chosen, e), weighted)
                     sure = weighted.sureness(self.bank.columns(more.chosen), more.alike)[-1]
                     if sure > CLEAR and (ratio := self.ratio(more, best)) > 0.0:
                         found.append((ratio, more))
@@ -126,7 +126,7 @@ class ForceSearch:
         while True:
             better = [
                 j
-                for j in self._fitting(exchanges(self.entries, best.chosen), self._weights(best.chosen))
+                for j in self._fitting(exchanges(self.entries, best.chosen), self.weights(best.chosen))
                 if self._wins(j, best) or (j.complexity < best.complexity and self.ratio(j, best) > 0.0)
             ]
             if not better:
@@ -136,7 +136,7 @@ class ForceSearch:
 
     def parts(self, chosen: Chosen) -> dict[Term, Array]:
         """Parameters by term, as if all were linear."""
-        return self.bank.parts(chosen, self._weights(chosen).solve(self.bank.columns(chosen)))
+        return self.bank.parts(chosen, self.weights(chosen).solve(self.bank.columns(chosen)))
 
     def ratio(self, a: Judged, b: Judged) -> float:
         """Logarithm of the likelihood ratio of `a` to `b`."""
@@ -170,7 +170,7 @@ class ForceSearch:
         seen = self.rows > 0
         return float(np.log(errors[seen] + self.least[seen]).mean())
 
-    def _weights(self, chosen: Chosen) -> Weighted:
+    def weights(self, chosen: Chosen) -> Weighted:
         """Actuators weighted by one over what is left of their errors."""
         normal = self.bank.normal
         left = normal.square.sum(0)
@@ -182,7 +182,7 @@ class ForceSearch:
             left = weighted.left(self.bank.columns(chosen))
         return weighted
 
-    def _judge(self, chosen: Chosen, weighted: Weighted) -> Judged:
+    def judged(self, chosen: Chosen, weighted: Weighted) -> Judged:
         columns = self.bank.columns(chosen)
         return Judged(chosen, weighted.predicted(columns), weighted.alike(columns))
 
@@ -195,7 +195,7 @@ class ForceSearch:
 
     def _fitting(self, moves: Iterable[Chosen], weighted: Weighted) -> list[Judged]:
         """The `SHOWN` of the moves that fit best."""
-        return [self._judge(m, weighted) for m in self._ranked(moves, weighted)[:SHOWN]]
+        return [self.judged(m, weighted) for m in self._ranked(moves, weighted)[:SHOWN]]
 
     def _ranked(self, moves: Iterable[Chosen], weighted: Weighted) -> list[Chosen]:
         """The moves, those that fit best first."""
@@ -204,13 +204,13 @@ class ForceSearch:
     def _pruned(self, best: Judged) -> Judged:
         """Drop, one by one, what predicts no better than nothing in its place."""
         while best.chosen:
-            weighted = self._weights(best.chosen)
-            best = self._judge(best.chosen, weighted)
+            weighted = self.weights(best.chosen)
+            best = self.judged(best.chosen, weighted)
             columns = self.bank.columns(best.chosen)
             sure = weighted.sureness(columns, best.alike)
             at = np.cumsum([0, *(len(e.columns) for e in best.chosen)])
             less = [
-                (e, sure[a:b].max(), self._judge(tuple(o for o in best.chosen if o is not e), weighted))
+                (e, sure[a:b].max(), self.judged(tuple(o for o in best.chosen if o is not e), weighted))
                 for e, a, b in zip(best.chosen, at[:-1], at[1:], strict=True)
             ]
             needless = [j for e, sure, j in less if not self._needs(best, j, e, sure)]
@@ -231,5 +231,5 @@ class ForceSearch:
         out: dict[Term, Judged] = {}
         for m in self._ranked(moves, weighted):
             if m[-1].term not in out and len(out) < 5:
-                out[m[-1].term] = self._judge(m, weighted)
+                out[m[-1].term] = self.judged(m, weighted)
         return list(out.values())

@@ -144,6 +144,8 @@ def _runtime(machine: Machine, track: Track, rigid: Rigid, force: Array) -> tupl
     s = Step(
         track.q, track.v, force, force, force, -wide, wide, none, none,
         rigid.velocity.__getitem__, float(np.median(steps)), lambda dof: -rigid.bias[:, dof],
+        # a motion that is given is not led astray by a force that is told a step late
+        inertia=lambda dof: np.full(len(track.time), np.inf),
     )  # fmt: skip
     pushed = np.zeros_like(track.v)
     dry = np.tile(model.dof_frictionloss, (len(track.time), 1))

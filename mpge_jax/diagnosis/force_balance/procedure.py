@@ -16,6 +16,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.inexact_inertias import as_wide_as, with_free_inertias
 from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank, Entry
+from mpge_jax.diagnosis.force_balance.closer_laws import closer_laws
 from mpge_jax.diagnosis.force_balance.force_search import Chosen, ForceSearch, Found
 from mpge_jax.diagnosis.force_balance.needed_force import can_ask
 from mpge_jax.diagnosis.force_balance.polish import polished
@@ -84,7 +85,8 @@ def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
         misleading |= {e for e in found.best.chosen if e.term in gone}
         bank = bank.near((t, x) for t, x in parts.items() if len(x) > 1)
         chosen = _entries(bank, parts)
-    return ForceDecision(b, fit, search, found)
+    closer = closer_laws(search, fit.hypothesis.split(p.ctx, fit.theta))
+    return ForceDecision(b, fit if closer is None else fitted(*closer), search, found)
 
 
 def fitted(bank: Bank, parts: dict[Term, Array]) -> Fitted:

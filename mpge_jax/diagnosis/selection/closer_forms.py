@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from mpge_jax.diagnosis.effects.base import REGISTRY
-from mpge_jax.diagnosis.effects.candidates import compatible
+from mpge_jax.diagnosis.effects.candidates import closer_forms, compatible
 from mpge_jax.diagnosis.effects.closer import Closer
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -23,8 +23,8 @@ ITERATIONS = 12
 
 def closer(s: Search, current: Fitted) -> Fitted:
     """`current` with closer forms of its effects where held-out windows are predicted better so beyond doubt: the first
-    forms of all effects together, then the second ones of those that are still plain. A form that stands without what
-    it shows beside is tried once more with it."""
+    forms of all effects together, then the second ones, be it in place of the first. A form that stands without what it
+    shows beside is tried once more with it."""
     for turn in range(max((len(REGISTRY[t.plain].closer) for t in current.hypothesis.terms), default=0)):
         current = _with_better(s, current, _forms(s, current, turn))
     return _one_for_two(s, current)
@@ -36,14 +36,19 @@ def _forms(s: Search, current: Fitted, turn: int) -> dict[Term, Term]:
     for t in current.hypothesis.terms:
         for ending in REGISTRY[t.plain].closer[turn : turn + 1]:
             form = Term(t.plain + ending, t.place)
-            if t.id == t.plain or (t == form and _beside(s, current, form)):
+            if t != form or _beside(s, current, form):
                 out[t] = form
     return {t: form for t, form in out.items() if _closer(form).fits(s.sim.ctx, t.place)}
 
 
 def _beside(s: Search, f: Fitted, form: Term) -> list[Term]:
     """What a form shows beside, where that may be added."""
-    other = Term(_closer(form).beside, form.place)
+    return _addable(s, f, _closer(form).beside, form)
+
+
+def _addable(s: Search, f: Fitted, effect: str, form: Term) -> list[Term]:
+    """An effect at the place of a form, where that may be added."""
+    other = Term(effect, form.place)
     return [other] if other in s.terms and compatible(f.hypothesis, other) else []
 
 
@@ -66,12 +71,14 @@ def _with_better(s: Search, current: Fitted, forms: dict[Term, Term]) -> Fitted:
     fewer = _without_idle(s, current, every)
     some = [] if fewer.hypothesis in (current.hypothesis, every.hypothesis) else [fewer]
     whites = s.whiten(every)
+    like = _imitated(s, current, forms)
     *tried, old = s.score(
-        fit(s.sim, [*some, every, current], s.train, whites[0], iterations=ITERATIONS), whites
+        fit(s.sim, [*like, *some, every, current], s.train, whites[0], iterations=ITERATIONS), whites
     )
+    like, tried = tried[: len(like)], tried[len(like) :]
     chosen = old
     for new in tried:
-        if needed(new, chosen, 1, len(_further(chosen.fit, new.fit))):
+        if all(needed(new, x, 1, len(_further(x.fit, new.fit))) for x in (chosen, *like)):
             chosen = new
     s.log.append(
         "closer forms: "
@@ -110,9 +117,7 @@ def _without(s: Search, current: Fitted, other: Term, t: Term) -> list[Fitted]:
     rest = current.of_terms(ctx, current.hypothesis.without(other))
     if t.id != t.plain:
         return [rest]
-    forms = (Term(t.plain + ending, t.place) for ending in REGISTRY[t.plain].closer)
-    fitting = [form for form in forms if _closer(form).fits(ctx, t.place)]
-    starts = [start for form in fitting for start in _with_closer(s, rest, {t: form})]
+    starts = [start for form in closer_forms(ctx, t) for start in _with_closer(s, rest, {t: form})]
     return [start for start in starts if start.theta.size < current.theta.size]
 
 
@@ -131,6 +136,18 @@ def _without_idle(s: Search, current: Fitted, every: Fitted) -> Fitted:
 def _further(old: Fitted, new: Fitted) -> set[Term]:
     """Terms that only the new fit has."""
     return set(new.hypothesis.terms) - set(old.hypothesis.terms)
+
+
+def _imitated(s: Search, f: Fitted, forms: dict[Term, Term]) -> list[Fitted]:
+    """`f` with what imitates closer forms beside the plain ones, to be fitted; nothing where nothing does."""
+    ctx = s.sim.ctx
+    others = {x for form in forms.values() for x in _addable(s, f, _closer(form).imitated_by, form)}
+    if not others:
+        return []
+    h = Hypothesis.of(*f.hypothesis.terms, *others)
+    nothing = {x: x.effect.null(ctx, x.place) for x in others}
+    theta, centre = (h.gather(ctx, f.hypothesis.split(ctx, x) | nothing) for x in (f.theta, f.centre))
+    return [Fitted(h, theta, centre)]
 
 
 def _with_closer(s: Search, f: Fitted, forms: dict[Term, Term]) -> list[Fitted]:

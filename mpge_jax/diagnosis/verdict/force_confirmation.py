@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import reduce
 
 import numpy as np
 
@@ -53,14 +54,31 @@ def without(b: Balance, parts: dict[Term, Array], term: Term) -> Array:
 
 
 def _as_plain(bank: Bank, fit: Fitted, b: Balance) -> Fitted:
-    """The fit with plain friction in place of every law of it by which the forces of `b` are not predicted better."""
-    for term in fit.hypothesis.terms:
-        parts = fit.hypothesis.split(b.ctx, fit.theta)
-        if term in parts and plain_form(b.ctx, term, parts[term]):
-            plain = _fitted_without(bank, fit, term)
-            if not beyond_doubt(_evidence(b, _wrong(b, plain), _wrong(b, fit))):
-                fit = plain
+    """The fit with plain friction in place of every law of it by which the forces of `b` are not predicted better:
+    beyond doubt, be it of one joint or of all that have the law, and no worse where joints rest, which friction
+    holds."""
+    laws = [t for t, x in fit.hypothesis.split(b.ctx, fit.theta).items() if plain_form(b.ctx, t, x)]
+    together = set()
+    for kind in {t.id for t in laws}:
+        each = [t for t in laws if t.id == kind]
+        plain = reduce(lambda f, t: _fitted_without(bank, f, t), each, fit)
+        if beyond_doubt(_evidence(b, _wrong(b, plain), _wrong(b, fit))):
+            together.add(kind)
+    for term in laws:
+        if term not in fit.hypothesis.terms:
+            continue
+        plain = _fitted_without(bank, fit, term)
+        gain = _evidence(b, _wrong(b, plain), _wrong(b, fit))
+        better = gain > 0.0 if term.id in together else beyond_doubt(gain)
+        if not better or _of_all_rows(b, fit) > _of_all_rows(b, plain):
+            fit = plain
     return fit
+
+
+def _of_all_rows(b: Balance, fit: Fitted) -> float:
+    """Mean logarithm of the actuators' errors, rows included in which joints rest."""
+    wrong = rms(b.predicted_by(fit) - b.measured)
+    return float(np.log(wrong[np.isfinite(wrong)] + 1e-300).mean())
 
 
 def _reduced(

@@ -82,13 +82,20 @@ def _rivals(found: ForceDecision, fit: Fitted, term: Term) -> list[Rival]:
     """What could stand in an effect's place, nearest first. The same to these forces in principle, or too near to tell,
     is tied; what has more freedom always fits as well, and is not."""
     s, out = found.search, []
-    own = [e for e in found.found.best.chosen if e.term == term]
-    for r in found.found.rivals.get(term, [])[:RIVALS]:
+    # closer forms take the place of what was searched for
+    searched = {(t.plain, t.place): t for t in found.found.rivals}
+    was, reported = (
+        searched.get((term.plain, term.place), term),
+        {(t.plain, t.place) for t in fit.hypothesis.terms},
+    )
+    own = [e for e in found.found.best.chosen if e.term == was]
+    for r in found.found.rivals.get(was, [])[:RIVALS]:
         (other,) = (e for e in r.chosen if e not in found.found.best.chosen)
         ratio = s.ratio(found.found.best, r)
         richer = s.directions(other) > sum(map(s.directions, own))
         tied = not beyond_doubt(ratio) and not richer
-        parts = {t: x for t, x in s.parts(r.chosen).items() if t in fit.hypothesis.terms or t == other.term}
+        parts = s.parts(r.chosen)
+        parts = {t: x for t, x in parts.items() if t == other.term or (t.plain, t.place) in reported}
         f = fitted(s.bank, parts) if tied else _as_linear(found.balance, parts)
         if tied and other.term not in f.hypothesis.terms:
             tied = False

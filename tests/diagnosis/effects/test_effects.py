@@ -44,7 +44,7 @@ VALUES = {
     "load_dependent_friction:gear:falling": [0.02, 0.1, 0.4, 0.3],
     "joint_stiffness:hardening": [0.6, 0.1, 0.3], "payload_mass:extended": [0.2, 0.02, 0.01, -0.3, 0.1],
     "asymmetric_friction:elastic": [0.03, 0.06, 0.02, 0.05, 0.4, 0.3], "torque_saturation:soft": [0.3, 0.2],
-    "joint_flexibility:damped_motor": [30.0, 0.05, 0.7],
+    "joint_flexibility:damped_motor": [30.0, 0.05, 0.7], "coulomb_friction:gradual": [0.05, 0.3],
 }  # fmt: skip
 # Where the native element differs by a fraction of a step: filters and delays act at whole steps, the integrator
 # takes polynomial damping implicitly, and contact solvers start from another guess.
@@ -164,7 +164,8 @@ def test_native_export_moves_like_the_effect(effect_id):
         assert effect_id in (
             "stribeck_friction", "load_dependent_friction", "load_dependent_friction:gear", "asymmetric_friction",
             "coulomb_friction:behind_gap",
-            *(i for i in EVERY if i.endswith((":damped_motor", ":elastic", ":falling", ":hardening", ":soft"))),
+            *(i for i in EVERY if i.endswith((":damped_motor", ":elastic", ":falling", ":gradual", ":hardening"))),
+            "torque_saturation:soft",
             "cogging_torque", "backlash", "actuator_bias:reclipped", "actuator_deadzone:limited",
             "joint_flexibility", "actuator_deadzone", "external_force", "encoder_offset", "sensor_delay",
         )  # fmt: skip

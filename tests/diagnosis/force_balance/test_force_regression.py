@@ -108,7 +108,7 @@ def test_one_effect_takes_the_place_of_two_that_stood_for_it(ctx):
     search = ForceSearch(bank, lambda _: None, [], 10)
     two = tuple(next(e for e in bank.entries if e.term == t) for t in offsets)
     assert len(two) == 2
-    exchanged = search._exchanged(search._judge(two, search._weights(two)))
+    exchanged = search._exchanged(search.judged(two, search.weights(two)))
     assert {e.term for e in exchanged.chosen} == {load}
     # nothing else is better in the place of what is there
     assert search._exchanged(exchanged).chosen == exchanged.chosen

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis import REGISTRY, Config, Recording
 from mpge_jax.diagnosis.dataset.given_motion import EDGE, motion_is_given
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.effects.base import find_place
-from mpge_jax.diagnosis.effects.context import nominal_context
+from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.force_balance import procedure, resolution
 from mpge_jax.diagnosis.force_balance.balance import Balance
@@ -324,3 +324,42 @@ def test_the_search_ends_where_the_machine_itself_says_that_the_parameters_are()
     np.testing.assert_allclose(fitted[[0, 3]], [load[0], load[3]], rtol=0.05)
     as_linear = found.search.parts(found.found.best.chosen)[term]
     np.testing.assert_allclose(as_linear, fitted, atol=0.02)
+
+
+def test_dry_friction_that_sets_in_gradually_is_told_with_its_speed():
+    """At both joints as in robot arms; where it does not, beside damping, the plain law stays."""
+    size = {"shoulder": (0.3, 0.15), "elbow": (0.1, 0.25)}
+    creeps = [("coulomb_friction:gradual", joint, values) for joint, values in size.items()]
+    ids = ("coulomb_friction", "viscous_damping", "armature")
+    d = judged(MOTORS, bench(MOTORS, creeps, 0.01), ids)
+    assert [(t.id, t.place.name) for t in d.terms] == [(form, joint) for form, joint, _ in creeps]
+    np.testing.assert_allclose(d.fit.theta, np.concatenate([x for *_, x in creeps]), rtol=0.1)
+    assert (
+        d.verdict == "effects"
+        and diagnosis_table(d)["effects"][0]["parameters"]["velocity"]["unit"] == "rad/s"
+    )
+    rubs = [(i, joint, (x,)) for joint, (x, _) in size.items() for i in ids[:2]]
+    d = judged(MOTORS, bench(MOTORS, rubs, 0.01), ids)
+    assert {(t.id, t.place.name) for t in d.terms} == {(i, joint) for i, joint, _ in rubs}
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_friction_that_holds_a_slow_joint_does_not_set_in_gradually(held):
+    """Rows in which a joint hardly slides tell no parameters; but a law that they deny gives way to the plain one."""
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(PENDULUM)))
+    plain, creeps = (Term("coulomb_friction" + form, Place("joint", "hinge", 0)) for form in ("", ":gradual"))
+    machines = {
+        t: Machine.build(ctx, (t,), (np.array(x),)) for t, x in ((plain, [0.3]), (creeps, [0.3, 0.15]))
+    }
+    t, rng, out = np.arange(0.0, 6.0, 0.01), np.random.default_rng(0), []
+    for name in ("run_0", "run_1", "run_2", "heldout_0", "heldout_1"):
+        fast = np.clip(2.0 * (3.0 - t), 0.02, 1.0)
+        v = (fast * np.sin(rng.uniform(4, 6) * t + rng.uniform(0, 6)))[:, None]
+        track = Track(name, t, 0.01 * np.cumsum(v, 0), v, np.gradient(v, t, axis=0), 0 * v + 1e-4, 0 * v)
+        force = needed(machines[creeps], track)
+        slow = fast[:, None] < 0.05
+        force = np.where(slow & held, needed(machines[plain], track), force)
+        force = force + 0.01 * rng.standard_normal(v.shape)
+        out.append(Recording(name, t, track.q + 1e-6 * rng.standard_normal(v.shape), None, None, force))
+    d = judged(PENDULUM, out, ("coulomb_friction", "viscous_damping"))
+    assert [x.id for x in d.terms if x.name == "coulomb_friction"] == [plain.id if held else creeps.id]

@@ -16,6 +16,8 @@ ELASTIC = ":elastic"
 """How the identifier of the form of a law ends that gives way before it slides."""
 FALLING = ":falling"
 """How the identifier of the form of a law ends that falls from rest to sliding."""
+GRADUAL = ":gradual"
+"""How the identifier of the form of a law ends that sets in gradually with the speed."""
 FALLS_BY = (0.4, 1.2, 4.0)
 """Speeds by which friction has fallen to start from, in their scale."""
 SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)
@@ -48,6 +50,7 @@ class Dry(Effect):
 @register
 class CoulombFriction(Dry):
     id = "coulomb_friction"
+    closer = (GRADUAL, ELASTIC)
     equation = "-Fc sgn v"
     says = "The {at} has dry friction of {torque} that the model lacks."
     confused_with = ("viscous_damping", "actuator_deadzone", "backlash")
