@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.residual.hints import hinted
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
 from mpge_jax.diagnosis.residual.points import rows_of
-from mpge_jax.diagnosis.residual.regression import Blocks, best_function
+from mpge_jax.diagnosis.residual.regression import Blocks, best_function, told
 
 Array = np.ndarray
 
@@ -48,7 +48,7 @@ def _function(p: Prepared, b: Balance, f: Fitted, place: Place) -> Function | No
     known = {k: x for k, x in values.items() if not k.startswith(DRIVE)}
     missing = b.predicted_by(f) - b.telling
     some = hinted(functions(known), place, [rows_of(p, b, f, missing, place)])
-    best = best_function([(e, place.index, _blocks(b, f, e, place)) for e in some], b.fold)
+    best = best_function(told([(e, place.index, _blocks(b, f, e, place)) for e in some], b.fold))
     if best is None:
         return None
     term = Term(best.effect.id, place)

@@ -20,7 +20,15 @@ from mpge_jax.diagnosis.residual.hints import hinted, variants
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
 from mpge_jax.diagnosis.residual.points import pieces
-from mpge_jax.diagnosis.residual.regression import Blocks, Choice, best_function, fewest, smoothed
+from mpge_jax.diagnosis.residual.regression import (
+    Blocks,
+    Choice,
+    best_function,
+    fewest,
+    in_the_race,
+    smoothed,
+    told,
+)
 from mpge_jax.diagnosis.residual.roll_out import stays
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
@@ -88,16 +96,18 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
         task = _Task(p, f, w, s.whiten_one(now, w), fold)
         weight = task.weight(now)
         problems = [(e, x.index, task.near(Term(e.id, x), None, weight)) for e, x in candidates]
-        best = best_function(problems, fold)
+        tried_now = told(problems, fold)
+        best = best_function(tried_now)
         if best is None:
             break
+        candidates = [candidates[k] for k in in_the_race(tried_now)]
         place = next(x for x in places if x.index == best.place)
         if best.effect.id not in fine:
-            told = task.as_fine_as_shown(best, place, weight)
+            finer = task.as_fine_as_shown(best, place, weight)
             candidates = [
-                (told.effect, x) if (e, x) == (best.effect, place) else (e, x) for e, x in candidates
+                (finer.effect, x) if (e, x) == (best.effect, place) else (e, x) for e, x in candidates
             ]
-            best = told
+            best = finer
             fine.add(best.effect.id)
         chosen = Term(best.effect.id, place)
         theta = task.solved(chosen, best, theta if chosen == term else None)

@@ -17,6 +17,8 @@ SMALL = 0.01
 """Weight of the values themselves beside that of their second differences."""
 TIE = 0.01
 """Share of what the best function explains by which a plainer one may explain less."""
+HALF = 0.5
+"""Share of it from which on a function may still turn out to be the best one."""
 
 
 @dataclass(frozen=True)
@@ -130,33 +132,58 @@ def solved(gram: Array, push: Array, rough: Array, strength: float) -> Array:
     return -np.linalg.solve(gram + penalty, push)
 
 
-def best_function(candidates: list[Candidate], fold: Array) -> Choice | None:
-    """The plainest of the functions that predict blocks, from the others, as well as the best one does; None where none
-    is better than nothing beyond chance.
+@dataclass(frozen=True)
+class Told:
+    """A function that predicts blocks, from the others, better than nothing beyond chance.
 
-    Plain is what has few inputs, is a force, has the joint's own inputs, and known ones rather than computed ones (the
-    order of `INPUTS`).
+    Attributes:
+        number: of the candidate. gain: what of the weighted squares goes with it.
+    """
+
+    number: int
+    choice: Choice
+    gain: float
+
+
+def told(candidates: list[Candidate], fold: Array) -> list[Told]:
+    """The functions that predict blocks, from the others, better than nothing beyond chance.
 
     Args:
         candidates: function, index of the joint at which it acts, its problem. fold: [B] which blocks are predicted
             together.
     """
-    if not candidates or len(np.unique(fold)) < 2:
+    if len(np.unique(fold)) < 2:
+        return []
+    out = []
+    for k, (effect, place, b) in enumerate(candidates):
+        choice = smoothed(effect, place, b, fold)
+        less = b.weight * b.whole - choice.left
+        if beyond_doubt(by_scatter(less), len(candidates)):
+            out.append(Told(k, choice, float(less.sum())))
+    return out
+
+
+def best_function(tried: list[Told]) -> Choice | None:
+    """The plainest of the functions that predict as well as the best one does; None where there is none.
+
+    Plain is what has few inputs, is a force, has the joint's own inputs, and known ones rather than computed ones (the
+    order of `INPUTS`).
+    """
+    if not tried:
         return None
-    nothing = {id(b): b.weight * b.whole for _, _, b in candidates}
-    choices = [(smoothed(*c, fold), nothing[id(c[2])]) for c in candidates]
-    among = len(candidates)
-    choices = [(c, none) for c, none in choices if beyond_doubt(by_scatter(none - c.left), among)]
-    if not choices:
-        return None
-    gains = [float((none - c.left).sum()) for c, none in choices]
-    best, most = choices[int(np.argmax(gains))][0], max(gains)
+    best = max(tried, key=lambda t: t.gain)
     near = [
-        c
-        for (c, _), gain in zip(choices, gains, strict=True)
-        if gain > (1.0 - TIE) * most or not beyond_doubt(by_scatter(c.left - best.left))
+        t.choice
+        for t in tried
+        if t.gain > (1.0 - TIE) * best.gain or not beyond_doubt(by_scatter(t.choice.left - best.choice.left))
     ]
     return min(near, key=lambda c: _elaborate(c.effect))
+
+
+def in_the_race(tried: list[Told]) -> list[int]:
+    """Numbers of the candidates that may still turn out to be the best one where the rest is known better."""
+    most = max(t.gain for t in tried)
+    return [t.number for t in tried if t.gain > HALF * most]
 
 
 def fewest(tried: list[Choice]) -> Choice:

@@ -13,9 +13,11 @@ from mpge_jax.diagnosis.residual.regression import (
     Rows,
     best_function,
     fewest,
+    in_the_race,
     roughness,
     smoothed,
     solved,
+    told,
 )
 
 ANGLE, SPEED = Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)
@@ -44,7 +46,7 @@ def candidates(law, noise: float = 0.01, weight: float = 1.0):
     ],
 )
 def test_the_inputs_are_those_of_the_law(law, inputs):
-    found = best_function(candidates(law), FOLD)
+    found = best_function(told(candidates(law), FOLD))
     assert "".join(a.input for a in found.effect.axes) == inputs
     q, v = np.meshgrid(np.linspace(-0.9, 0.9, 7), np.linspace(-2.7, 2.7, 7))
     values = [{"q": q, "v": v}[i] for i in inputs]
@@ -52,8 +54,19 @@ def test_the_inputs_are_those_of_the_law(law, inputs):
 
 
 def test_noise_is_no_function():
-    assert best_function(candidates(lambda q, v: 0.0 * q, noise=0.1), FOLD) is None
-    assert best_function([], FOLD) is None
+    assert best_function(told(candidates(lambda q, v: 0.0 * q, noise=0.1), FOLD)) is None
+    assert told(candidates(lambda q, v: 0.3 * q), np.zeros(len(FOLD))) == []
+
+
+def test_what_explains_half_as_much_is_in_the_race():
+    """Of q^2 + v its two inputs explain parts, and both together all."""
+    these = candidates(lambda q, v: 0.3 * q**2 + 0.08 * v)
+    tried = told(these, FOLD)
+    gains = {these[t.number][0].axes: t.gain for t in tried}
+    most = max(gains.values())
+    running = [these[k][0].axes for k in in_the_race(tried)]
+    assert running == [axes for axes, gain in gains.items() if gain > 0.5 * most]
+    assert {len(axes) for axes in running} == {1, 2} and len(running) < len(tried)
 
 
 def test_the_penalty_pulls_towards_nothing_and_towards_smoothness():
