@@ -117,10 +117,26 @@ GANTRY = """<mujoco><worldbody><body name="tool"><joint name="x" type="slide" ax
 </worldbody><actuator><motor name="mx" joint="x"/></actuator></mujoco>"""
 
 
-def test_driven_joints_of_a_root_body_are_no_floating_base():
-    for xml, places in ((GANTRY, ["x", "y", "z"]), (GANTRY[: GANTRY.index("<actuator>")] + "</mujoco>", [])):
-        ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
-        assert [p.name for p in REGISTRY["coulomb_friction"].places(ctx)] == places
+HUNG = GANTRY[: GANTRY.index("<actuator>")] + "</mujoco>"
+
+
+@pytest.mark.parametrize(
+    ("xml", "places"),
+    [
+        (GANTRY, ["x", "y", "z"]),
+        (HUNG, []),
+        *(
+            (HUNG.replace('axis="0 1 0"', f'axis="0 1 0" {x}="2"'), ["x", "y", "z"])
+            for x in ("stiffness", "damping")
+        ),
+        (HUNG.replace('axis="0 1 0"', 'axis="0 1 0" frictionloss="2"'), ["x", "y", "z"]),
+        (HUNG.replace('axis="0 1 0"', 'axis="0 1 0" armature="2"'), []),
+    ],
+)
+def test_joints_of_a_root_body_that_are_driven_or_sprung_are_no_floating_base(xml, places):
+    """A washing machine's tub moves along three joints of one body, on springs and dampers that rub."""
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+    assert [p.name for p in REGISTRY["coulomb_friction"].places(ctx)] == places
 
 
 def test_commands_are_not_clipped_where_the_model_says_so():

@@ -259,17 +259,20 @@ def qpos_columns(model: mujoco.MjModel, joint: int) -> tuple[int, int]:
 
 def floating_base_joints(model: mujoco.MjModel) -> set[int]:
     """Joints that place a floating base in the world: free joints, and three or more joints on one root body of which
-    no actuator drives one (a gantry's, a gimbal's or a shoulder's are driven).
+    no actuator drives one (a gantry's, a gimbal's or a shoulder's are driven) and none springs, is damped or rubs (a
+    suspension's do).
 
     They stand for no machine part, so effects of drives and bearings are not looked for there.
     """
-    driven = {int(model.actuator_trnid[a, 0]) for a in range(model.nu) if is_joint_transmission(model, a)}
+    parts = {int(model.actuator_trnid[a, 0]) for a in range(model.nu) if is_joint_transmission(model, a)}
+    parts |= {int(model.dof_jntid[d]) for d in np.flatnonzero(model.dof_damping + model.dof_frictionloss)}
+    parts |= set(map(int, np.flatnonzero(model.jnt_stiffness)))
     base: set[int] = set()
     for body in range(1, model.nbody):
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         joints = set(range(first, first + count)) if count else set()
         if any(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE for j in joints) or (
-            count >= 3 and model.body_parentid[body] == 0 and not joints & driven
+            count >= 3 and model.body_parentid[body] == 0 and not joints & parts
         ):
             base |= joints
     return base
