@@ -84,10 +84,8 @@ def _rivals(found: ForceDecision, fit: Fitted, term: Term) -> list[Rival]:
     s, out = found.search, []
     # closer forms take the place of what was searched for
     searched = {(t.plain, t.place): t for t in found.found.rivals}
-    was, reported = (
-        searched.get((term.plain, term.place), term),
-        {(t.plain, t.place) for t in fit.hypothesis.terms},
-    )
+    was = searched.get((term.plain, term.place), term)
+    reported = {(t.plain, t.place) for t in fit.hypothesis.terms}
     own = [e for e in found.found.best.chosen if e.term == was]
     for r in found.found.rivals.get(was, [])[:RIVALS]:
         (other,) = (e for e in r.chosen if e not in found.found.best.chosen)
