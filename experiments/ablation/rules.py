@@ -200,6 +200,13 @@ GATES = (
         changed(1),
     ),
     Gate(
+        "likely",
+        "what several other joints have too is likely at a further one",
+        ("ELSEWHERE",),
+        "selection.backward_elimination:elsewhere",
+        fixed(0),
+    ),
+    Gate(
         "exchanged",
         "an effect gives way to an alternative that predicts better",
         ("EXCHANGES",),

@@ -37,6 +37,9 @@ are tried; and the share of the squared error that may remain with them, with on
 was named, or with functions that are what it depends on."""
 WEAKEST = 6
 """Terms that are tried without at a time: those that the data determine worst."""
+ELSEWHERE = 2
+"""Other places at which an effect was found from which on it is likely at a further one too: there it need not be shown
+beyond doubt, but differ clearly from nothing."""
 EXCHANGES = 2
 """Terms that may be exchanged for better ones once the whole hypothesis is known."""
 RICHER = 2

@@ -13,14 +13,13 @@ from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.force_balance.bank import Bank, Entry, hypothesis_of
 from mpge_jax.diagnosis.force_balance.force_moves import Chosen, additions, exchanges, groups
 from mpge_jax.diagnosis.force_balance.gram import Weighted
+from mpge_jax.diagnosis.thresholds import ELSEWHERE
 
 Array = np.ndarray
 LEAST = 0.2
 """Share of the squared error that must go with an effect at the actuator where it takes away most."""
 CLEAR = 2.0
 """Standard deviations from which on what other joints have too is seen at this one."""
-ELSEWHERE = 2
-"""Other places at which an effect was found from which on it is taken up at this one too."""
 DISTINCT = 1e-3
 """Share of a direction's squared force that no other gives, from which on it is one of its own."""
 SHOWN = 12

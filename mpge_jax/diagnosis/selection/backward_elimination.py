@@ -27,7 +27,7 @@ from mpge_jax.diagnosis.selection.given_masses import as_given
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
-from mpge_jax.diagnosis.thresholds import WEAKEST
+from mpge_jax.diagnosis.thresholds import ELSEWHERE, NAMED, WEAKEST
 
 Array = np.ndarray
 
@@ -66,16 +66,21 @@ def prune(s: Search, current: Fitted) -> Fitted:
 
 
 def _simpler(s: Search, current: Fitted) -> list[Fitted]:
-    """The hypothesis without each of several terms, and with a plainer form of each that has one."""
+    """The hypothesis without each of several terms, and with a plainer form of each that has one.
+
+    What several other joints have too is likely here: it stays where it differs clearly from nothing, as each joint by
+    itself may show as little as what passes for it in all of them (commands that act later, for rotor inertia).
+    """
     ctx = s.sim.ctx
     deviations = strength(s, current)
-    weakest = sorted(deviations, key=lambda t: deviations[t])[:WEAKEST]
+    likely = {t for t in deviations if elsewhere(current, t) >= ELSEWHERE and deviations[t] >= NAMED}
+    weakest = sorted(deviations, key=lambda t: (t in likely, deviations[t]))[:WEAKEST]
     parts = current.hypothesis.split(ctx, current.theta)
     centres = current.hypothesis.split(ctx, current.centre)
     out = []
     for t in (t for t in current.hypothesis.terms if t in weakest):
         h = current.hypothesis.without(t)
-        if h.terms:
+        if h.terms and t not in likely:
             out.append(current.of_terms(ctx, h))
         if t.id != t.plain:
             out.append(with_plain(ctx, current, [t]))
@@ -85,6 +90,12 @@ def _simpler(s: Search, current: Fitted) -> list[Fitted]:
             h = h.with_term(plain)
             out.append(Fitted(h, h.gather(ctx, {**parts, **start}), h.gather(ctx, {**centres, **start})))
     return out
+
+
+def elsewhere(f: Fitted, term: Term) -> int:
+    """At how many other places of its kind a fit has the same effect."""
+    same = (t for t in f.hypothesis.terms if t.plain == term.plain and t.place.kind == term.place.kind)
+    return sum(t != term for t in same)
 
 
 def final_fit(s: Search, current: Fitted) -> tuple[Fitted, tuple[Whitener, Whitener]]:

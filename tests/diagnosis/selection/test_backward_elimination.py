@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import mujoco
 import numpy as np
 import pytest
 
+from mpge_jax.diagnosis.effects.context import default_places, nominal_context
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.scored import Scored
+from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.selection import all_joints, backward_elimination
 from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, fitted, slight
 
@@ -39,3 +46,25 @@ def test_what_many_explain_a_little_is_not_given_up_one_by_one(
         monkeypatch.setattr(module, name, stub, raising=False)
     found = taken_away(s, fitted(s, {t: [0.1] for t in TERMS}))
     assert len(found.hypothesis.terms) == (3 if helps else least)
+
+
+@pytest.mark.parametrize(("rotors", "tried"), [(3, {"armature@j2", "viscous_damping@j0"}), (2, None)])
+def test_what_other_joints_have_too_stays_where_it_differs_clearly_from_nothing(rotors, tried, monkeypatch):
+    """Evidence against each by itself is little where something else passes for all of them."""
+    bodies = "".join(
+        f'<body pos="0 0 -.3"><joint name="j{k}" axis="0 1 0"/><geom size=".05" pos="0 0 -.2"/>'
+        for k in range(3)
+    )
+    xml = f"<mujoco><worldbody>{bodies}{'</body>' * 3}</worldbody></mujoco>"
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+    joints = default_places(ctx, "joint")
+    parts = {Term("armature", j): np.array([0.01]) for j in joints[:rotors]}
+    parts[Term("viscous_damping", joints[0])] = np.array([0.1])
+    h = Hypothesis.of(*parts)
+    theta = h.gather(ctx, parts)
+    strengths = dict(zip(parts, (9.0, 6.0, *([3.0] if rotors == 3 else []), 1.0), strict=True))
+    monkeypatch.setattr(backward_elimination, "strength", lambda *_: strengths)
+    s = SimpleNamespace(sim=SimpleNamespace(ctx=ctx), terms=[])
+    fewer = backward_elimination._simpler(s, Fitted(h, theta, theta))
+    gone = {str(t) for f in fewer for t in set(h.terms) - set(f.hypothesis.terms)}
+    assert gone == (tried or {str(t) for t in h.terms})
