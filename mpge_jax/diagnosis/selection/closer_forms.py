@@ -71,11 +71,11 @@ def _with_better(s: Search, current: Fitted, forms: dict[Term, Term]) -> Fitted:
     fewer = _without_idle(s, current, every)
     some = [] if fewer.hypothesis in (current.hypothesis, every.hypothesis) else [fewer]
     whites = s.whiten(every)
-    like = _imitated(s, current, forms)
-    *tried, old = s.score(
-        fit(s.sim, [*like, *some, every, current], s.train, whites[0], iterations=ITERATIONS), whites
+    imitated = _imitated(s, current, forms)
+    *scored, old = s.score(
+        fit(s.sim, [*imitated, *some, every, current], s.train, whites[0], iterations=ITERATIONS), whites
     )
-    like, tried = tried[: len(like)], tried[len(like) :]
+    like, tried = scored[: len(imitated)], scored[len(imitated) :]
     chosen = old
     for new in tried:
         if all(needed(new, x, 1, len(_further(x.fit, new.fit))) for x in (chosen, *like)):
