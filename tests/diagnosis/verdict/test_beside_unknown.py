@@ -198,7 +198,7 @@ def test_what_goes_with_an_effect_is_told_beside_the_function(rubbing):
     s, p = rubbing
     damping, w = fitted(s, {DAMPING: [0.02]}), judged(p, "test")
     both, alone = (with_function(p.ctx, f, RUBS.term, RUBS.theta) for f in (damping, NOTHING))
-    with_it, without = (errors(p.sim, f, w, p.noise).rms for f in (both, alone))
+    with_it, without = (errors(p.sim, f, w, p.noise, near=both).rms for f in (both, alone))
     assert error_drops(p, both, w, damping.hypothesis.terms) == pytest.approx(
         {DAMPING: 1 - with_it**2 / without**2}
     )

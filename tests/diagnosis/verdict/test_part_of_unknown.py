@@ -127,7 +127,7 @@ def test_what_goes_with_an_effect_goes_beside_what_stands_for_the_rest(rubs_othe
     p, both = d.prepared, with_function(d.ctx, d.fit, BRAKES.term, BRAKES.theta)
     (damping,) = d.doubtful
     fewer = both.of_terms(d.ctx, both.hypothesis.without(damping))
-    with_it, without = (errors(p.sim, f, d.held.windows, p.noise).rms for f in (both, fewer))
+    with_it, without = (errors(p.sim, f, d.held.windows, p.noise, near=both).rms for f in (both, fewer))
     assert d.error_drop[damping] == pytest.approx(1.0 - with_it**2 / without**2)
 
 
