@@ -62,6 +62,7 @@ def test_the_motion_tells_where_between_rows_a_delay_lies(delay):
     assert value["high"] - value["low"] < 0.6 * PERIOD
 
 
+@pytest.mark.slow
 def test_friction_that_the_model_lacks_too_does_not_shift_the_delay(plain_functions):
     # few candidates and rows: steps as fine as these take long
     effects = ("coulomb_friction", "viscous_damping", "actuator_delay", "actuator_lag")

@@ -82,6 +82,7 @@ def test_nothing_is_said_of_machines_that_strike_things():
     assert not other_zeros(prepared_of(BOX, shifted(runs, {1: [0.0, 0.02]})), NOTHING)
 
 
+@pytest.mark.slow
 def test_a_held_out_session_with_other_zeros_does_not_hide_what_is_missing():
     def rub(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[0] = 0.3

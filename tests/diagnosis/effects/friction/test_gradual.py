@@ -59,7 +59,7 @@ def test_it_is_dry_friction_in_reports():
     assert REGISTRY[ID].equation == "-Fc tanh(v/vs)"
 
 
-@pytest.mark.parametrize("damping", [0.01, 0.05])
+@pytest.mark.parametrize("damping", [0.01, pytest.param(0.05, marks=pytest.mark.slow)])
 def test_dry_friction_and_damping_are_not_taken_for_it(damping):
     def rub(model) -> None:
         model.dof_frictionloss[0] = LEVEL
