@@ -18,11 +18,11 @@ AT_ONCE = 64
 """Numbers of periods that are tried at once."""
 A_TURN, IN_TRAVEL = 80.0, 2.0 * np.pi * 40
 """Most periods that are tried: a turn, or 40 in the travel where that is more (magnets of a linear motor)."""
+FINEST = 5.0
+"""Times as many that a fit may end at."""
 SAYS_OF_SLIDE = (
     "A force of {amplitude} that is a sine of {periods} times the position acts at the {at} (cogging)."
 )
-FINEST = 5.0
-"""Times as many that a fit may end at."""
 OUTLYING = 3.0
 """Medians of the missing torque beyond which a sample is wild (impacts)."""
 HARDENING = ":hardening"

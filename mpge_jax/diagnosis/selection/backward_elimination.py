@@ -50,8 +50,10 @@ def prune(s: Search, current: Fitted) -> Fitted:
             return current
         whites = s.whiten(current)
         current = fit(s.sim, [current], s.train, whites[0], iterations=3)[0]
-        slopes = slopes_of(s.sim, current, s.train, whites[0])
         fewer = _simpler(s, current)
+        if not fewer:
+            return current
+        slopes = slopes_of(s.sim, current, s.train, whites[0])
         smaller = fit(s.sim, fewer, s.train, whites[0], iterations=4, slopes=slopes, anew=False)
         more = [current] if best is None else [current, best]
         scored = s.score([*smaller, *more], whites)

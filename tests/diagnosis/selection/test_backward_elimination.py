@@ -68,3 +68,12 @@ def test_what_other_joints_have_too_stays_where_it_differs_clearly_from_nothing(
     fewer = backward_elimination._simpler(s, Fitted(h, theta, theta))
     gone = {str(t) for f in fewer for t in set(h.terms) - set(f.hypothesis.terms)}
     assert gone == (tried or {str(t) for t in h.terms})
+
+
+def test_what_becomes_likely_as_the_rest_is_fitted_stays(rubbing, monkeypatch):
+    """Then nothing is left that could be taken away."""
+    s, _ = rubbing
+    current = fitted(s, {COULOMB: [0.1], DAMPING: [0.01]})
+    looks = iter([[current], []])
+    monkeypatch.setattr(backward_elimination, "_simpler", lambda *_: next(looks))
+    assert backward_elimination.prune(s, current).hypothesis == current.hypothesis
