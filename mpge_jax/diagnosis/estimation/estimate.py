@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context, Param
-from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 
 Array = np.ndarray
 
@@ -37,6 +37,15 @@ class Fitted:
     def of_terms(self, ctx: Context, h: Hypothesis) -> Fitted:
         """Some of its effects with the same parameters, not fitted again."""
         theta, centre = (h.gather(ctx, self.hypothesis.split(ctx, x)) for x in (self.theta, self.centre))
+        return Fitted(h, theta, centre)
+
+    def beside_nothing(self, ctx: Context, *terms: Term) -> Fitted:
+        """The same with further effects at which nothing acts yet, to be fitted."""
+        h = Hypothesis.of(*self.hypothesis.terms, *terms)
+        null = {t: t.effect.null(ctx, t.place) for t in terms}
+        theta, centre = (
+            h.gather(ctx, self.hypothesis.split(ctx, x) | null) for x in (self.theta, self.centre)
+        )
         return Fitted(h, theta, centre)
 
     def directions(self, ctx: Context) -> int:

@@ -36,9 +36,7 @@ def with_free_inertias(ctx: Context, f: Fitted, share: float) -> Fitted | None:
     given = given_inertias(share)
     if not share or not f.theta.size or given in f.hypothesis.terms:
         return None
-    h, null = f.hypothesis.with_term(given), {given: given.effect.null(ctx, given.place)}
-    theta, centre = (h.gather(ctx, f.hypothesis.split(ctx, x) | null) for x in (f.theta, f.centre))
-    return Fitted(h, theta, centre)
+    return f.beside_nothing(ctx, given)
 
 
 def as_wide_as(ctx: Context, f: Fitted, alone: Fitted, free: Fitted, share: float) -> Fitted:

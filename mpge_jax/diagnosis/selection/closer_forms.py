@@ -140,14 +140,8 @@ def _further(old: Fitted, new: Fitted) -> set[Term]:
 
 def _imitated(s: Search, f: Fitted, forms: dict[Term, Term]) -> list[Fitted]:
     """`f` with what imitates closer forms beside the plain ones, to be fitted; nothing where nothing does."""
-    ctx = s.sim.ctx
-    others = {x for form in forms.values() for x in _addable(s, f, _closer(form).imitated_by, form)}
-    if not others:
-        return []
-    h = Hypothesis.of(*f.hypothesis.terms, *others)
-    nothing = {x: x.effect.null(ctx, x.place) for x in others}
-    theta, centre = (h.gather(ctx, f.hypothesis.split(ctx, x) | nothing) for x in (f.theta, f.centre))
-    return [Fitted(h, theta, centre)]
+    others = [x for form in forms.values() for x in _addable(s, f, _closer(form).imitated_by, form)]
+    return [f.beside_nothing(s.sim.ctx, *others)] if others else []
 
 
 def _with_closer(s: Search, f: Fitted, forms: dict[Term, Term]) -> list[Fitted]:
