@@ -231,4 +231,4 @@ def _lowered(noise: Noise, level: Array, model: mujoco.MjModel) -> Noise:
         else:
             qpos[q] = min(qpos[q], lower[v])
     quantised = noise.quantum / np.sqrt(12)
-    return replace(noise, qpos=np.maximum(qpos, quantised), qvel=qvel, direct=True)
+    return replace(noise, qpos=np.maximum(qpos, quantised), qvel=qvel, direct=True, stamp=0.0)

@@ -56,6 +56,13 @@ class Fitted:
         values = np.linalg.eigvalsh(self.information * scale[:, None] * scale[None, :])
         return int((values > 16.0).sum())
 
+    def unlikely(self, ctx: Context) -> float:
+        """Minus the logarithm of how likely what is `known` beforehand would be, against being as the model has it."""
+        nulls = {t: t.effect.null(ctx, t.place) for t in self.hypothesis.terms}
+        off = self.theta - self.hypothesis.gather(ctx, nulls)
+        params = self.hypothesis.params(ctx)
+        return 0.5 * float(sum((x / p.prior) ** 2 for x, p in zip(off, params, strict=True) if p.known))
+
 
 NOTHING = Fitted(Hypothesis(), np.zeros(0), np.zeros(0))
 """The nominal model."""

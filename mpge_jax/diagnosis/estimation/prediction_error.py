@@ -10,7 +10,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.told_starts import left_open, told
-from mpge_jax.diagnosis.estimation.whitening import column_scale, numerics, start_runs
+from mpge_jax.diagnosis.estimation.whitening import numerics, row_scale, start_runs
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.cheaper_steps import changes
@@ -51,7 +51,7 @@ def errors(
         amounts: how much of each of `numerics` predictions are to have. near: as in `told`.
     """
     nv = sim.model.nv
-    w = told(sim, f, w, column_scale(noise, sim.model), near)
+    w = told(sim, f, w, noise, near)
     residual = sim.residuals([Run(f.hypothesis, f.theta)], w)[0][..., :nv]
     if any(amounts.values()):
         residual = residual + _numerical_moves(sim, f, w, noise, amounts)
@@ -71,14 +71,14 @@ def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Arr
     Args:
         shaken: [nu] deviation of the noise in measured forces that drive the machine; 0 where commands do.
     """
-    nv, scale = sim.model.nv, column_scale(noise, sim.model)
-    w = told(sim, f, w, scale)
+    nv, scale = sim.model.nv, row_scale(noise, sim.model, w)
+    w = told(sim, f, w, noise)
     moved = changes(sim, start_runs(f.hypothesis, f.theta, w), w)[..., :nv]
     seen = np.isfinite(moved[0])
     spread = np.where(seen, np.clip(moved, -1e3, 1e3), 0.0)
-    cov = left_open(sim, f, w, scale)
+    cov = left_open(sim, f, w, noise)
     starts = np.einsum("swnd,wst,twnd->wnd", spread, cov, spread, optimize=True)
-    variance = starts + np.where(seen, scale[:nv] ** 2, 0.0)
+    variance = starts + np.where(seen, scale[..., :nv] ** 2, 0.0)
     square = np.where(seen, variance, 0.0).sum((1, 2)) / np.maximum(seen.sum((1, 2)), 1)
     return square + _shaken_floor(sim, f, w, noise, shaken)
 
@@ -109,7 +109,7 @@ def numerical_floor(
     """
     if not any(amounts.values()):
         return np.zeros(w.count)
-    w = told(sim, f, w, column_scale(noise, sim.model))
+    w = told(sim, f, w, noise)
     return _mean_square(_numerical_moves(sim, f, w, noise, amounts), w)
 
 
@@ -141,8 +141,8 @@ def _from_told_starts(
     Args:
         w: from starts that `f` has `told`.
     """
-    nv, scale = sim.model.nv, column_scale(noise, sim.model)
-    cov = left_open(sim, f, w, scale)
+    nv, scale = sim.model.nv, row_scale(noise, sim.model, w)
+    cov = left_open(sim, f, w, noise)
     whole = replace(w, seen=w.seen | w.lead, lead=np.zeros_like(w.lead))
     columns = np.nan_to_num(changes(sim, start_runs(f.hypothesis, f.theta, whole), whole))
     known = np.where(w.lead[..., None] & np.isfinite(scale), 1.0 / scale**2, 0.0)

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.whitening import KAPPA, start_runs
+from mpge_jax.diagnosis.estimation.whitening import KAPPA, row_scale, start_runs
+from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.cheaper_steps import changes
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -27,27 +28,26 @@ FAR = 1e6
 """Deviations of the noise beyond which a residual counts as so many."""
 
 
-def told(sim: Simulator, f: Fitted, w: Windows, scale: Array, near: Fitted | None = None) -> Windows:
+def told(sim: Simulator, f: Fitted, w: Windows, noise: Noise, near: Fitted | None = None) -> Windows:
     """The windows from where `f` goes through their first rows best; as they are where none are kept for that.
 
     The cost of a start is chi^2 of those rows and of its distance from the estimate in `KAPPA` of its deviations.
     Slopes of smooth machines hardly change so near: they are told once.
 
     Args:
-        scale: [2 nv] deviations of the noise (`whitening.column_scale`). near: a fit near `f` whose slopes serve for
-            its own where the machine is smooth.
+        near: a fit near `f` whose slopes serve for its own where the machine is smooth.
     """
     if not w.lead.any():
         return w
     rugged = sim.rugged(f.hypothesis)
     guide = f if near is None or rugged or sim.rugged(near.hypothesis) else near
     first, z = w.leading(), w.moved.reshape(w.count, -1).copy()
-    (left,), (cost,) = _left(sim, f, first, scale, z[None])
+    (left,), (cost,) = _left(sim, f, first, noise, z[None])
     going, columns = np.arange(w.count), None
     for _ in range(ROUNDS):
         here = first.take(going)
         if columns is None or rugged:
-            columns = _columns(sim, guide, replace(here, moved=z[going].reshape(here.moved.shape)), scale)
+            columns = _columns(sim, guide, replace(here, moved=z[going].reshape(here.moved.shape)), noise)
         step, before = _step(columns, left[going], z[going]), cost[going]
         # where slopes carry far, shorter steps serve those windows alone that a whole one does not
         for shares in [SHORTER] if rugged else [SHORTER[:1], SHORTER[1:]]:
@@ -56,7 +56,7 @@ def told(sim: Simulator, f: Fitted, w: Windows, scale: Array, near: Fitted | Non
                 break
             at = going[rest]
             tried = np.stack([z[at] + x * step[rest] for x in shares])
-            each, costs = _left(sim, f, here.take(rest), scale, tried)
+            each, costs = _left(sim, f, here.take(rest), noise, tried)
             best, rows = costs.argmin(0), np.arange(rest.size)
             better = costs[best, rows] < cost[at]
             moved = at[better]
@@ -68,24 +68,25 @@ def told(sim: Simulator, f: Fitted, w: Windows, scale: Array, near: Fitted | Non
     return replace(w, moved=z.reshape(w.moved.shape))
 
 
-def left_open(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> Array:
+def left_open(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Array:
     """Covariance [W, s, s] of the starts `told`, in columns of `root`, if the noise is as large as is said."""
     size = 2 * w.v0.shape[1]
     if not w.lead.any():
         return np.broadcast_to(np.eye(size), (w.count, size, size))
-    columns = _columns(sim, f, w.leading(), scale)
+    columns = _columns(sim, f, w.leading(), noise)
     return np.linalg.inv(np.eye(size) + np.einsum("swm,twm->wst", columns, columns, optimize=True))
 
 
 def _plain(residual: Array, scale: Array) -> Array:
-    """Residuals [..., W, N, 2 nv] in units of noise [..., W, M], zero where nothing was measured."""
+    """Residuals [..., W, N, 2 nv] in units of noise [W, N, 2 nv]: [..., W, M], zero where nothing was measured."""
     x = np.where(np.isfinite(residual) & np.isfinite(scale), residual / scale, 0.0)
     return np.clip(x, -FAR, FAR).reshape(*x.shape[:-2], -1)
 
 
-def _columns(sim: Simulator, f: Fitted, w: Windows, scale: Array) -> Array:
+def _columns(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Array:
     """[s, W, M] what a deviation of each start changes."""
-    return _plain(changes(sim, start_runs(f.hypothesis, f.theta, w), w), scale)
+    moved = changes(sim, start_runs(f.hypothesis, f.theta, w), w)
+    return _plain(moved, row_scale(noise, sim.model, w))
 
 
 def _step(columns: Array, left: Array, z: Array) -> Array:
@@ -95,9 +96,10 @@ def _step(columns: Array, left: Array, z: Array) -> Array:
     return -np.linalg.solve(gram, push[..., None])[..., 0]
 
 
-def _left(sim: Simulator, f: Fitted, w: Windows, scale: Array, z: Array) -> tuple[Array, Array]:
+def _left(sim: Simulator, f: Fitted, w: Windows, noise: Noise, z: Array) -> tuple[Array, Array]:
     """What the starts `z` [R, W, s] leave [R, W, M], and their costs [R, W]."""
     still = replace(w, moved=np.zeros_like(w.moved))
     shifts = (replace(w, moved=x.reshape(w.moved.shape)).shift for x in z)
-    left = _plain(sim.residuals([Run(f.hypothesis, f.theta, shift) for shift in shifts], still), scale)
+    residual = sim.residuals([Run(f.hypothesis, f.theta, shift) for shift in shifts], still)
+    left = _plain(residual, row_scale(noise, sim.model, w))
     return left, (left**2).sum(-1) + (z**2).sum(-1) / KAPPA**2

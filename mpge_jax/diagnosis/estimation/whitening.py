@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.effects.context import default_places
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.machine.joint_space import _parts
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
@@ -27,7 +28,10 @@ Array = np.ndarray
 KAPPA = 5.0
 NUISANCE = 3.0
 STEP, LATE, INTEGRATOR, OLDER = "timestep", "late commands", "integrator", "older forces"
+HOLDING = "given dry friction"
 """What changes motion and is no physics (see `numerics`)."""
+LATER = 0.125
+"""Timesteps by which LATE has commands act later."""
 BEFORE = "commands before the recording, of actuator"
 """What late actuators still obey when it begins (see `nuisances`), and the actuator's index."""
 INEXACT = 0.03
@@ -68,7 +72,7 @@ class Whitener:
             "count",
             "expected",
             "offset",
-            *(("scale",) if self.scale.ndim == 3 else ()),
+            "scale",
         )
         return replace(self, **{k: getattr(self, k)[index] for k in keys})
 
@@ -107,6 +111,13 @@ def column_scale(noise: Noise, model) -> Array:
     return scale
 
 
+def row_scale(noise: Noise, model, w: Windows) -> Array:
+    """Noise deviations [W, N, 2 nv] of the rows of windows: of positions also what an inexact time stamp makes."""
+    scale = np.broadcast_to(column_scale(noise, model), (*w.seen.shape, 2 * model.nv)).copy()
+    scale[..., : model.nv] = np.hypot(scale[..., : model.nv], w.drift)
+    return scale
+
+
 def start_runs(hypothesis: Hypothesis, theta: Array, w: Windows) -> list[Run]:
     """The nominal start and one run per column of the start's covariance root."""
     nv = w.v0.shape[1]
@@ -134,7 +145,7 @@ def whitener(
     Args:
         nuisance: `numerics`. temper: enlarge sigma to the hypothesis's own misfit, or by a known factor.
     """
-    scale, inexact = column_scale(noise, sim.model), False
+    scale, inexact = row_scale(noise, sim.model, w), False
     if nuisance:
         changed = [np.nan_to_num(d) for kind, d in nuisance.items() if kind.startswith((STEP, BEFORE))]
         # where a change crosses zero, what is unknown of it does not
@@ -187,12 +198,14 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
     """Changes of the residuals [W, N, 2 nv] by what is no physics.
 
     STEP: the timestep is halved (of Runge-Kutta, which that does not change: replaced by semi-implicit steps of a
-    quarter). LATE: the commands act an eighth of a timestep later. INTEGRATOR: explicit steps are made implicit in the
+    quarter). LATE: the commands act `LATER` timesteps later. INTEGRATOR: explicit steps are made implicit in the
     velocity or the other way round (not of Runge-Kutta), which moves stiff servos and strong damping otherwise than a
-    timestep does. OLDER: servos' forces that act late do so by a tenth more.
+    timestep does. OLDER: servos' forces that act late do so by a tenth more. HOLDING: the dry friction that the model
+    gives stops joints within a timestep (MuJoCo's creeps, and what rubs does neither quite so), where no effect has it
+    so already.
     """
     run, kind = [Run(hypothesis, theta)], mujoco.mjtIntegrator
-    plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(w.dt / 8)))
+    plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(LATER * w.dt)))
     steps = sim.model.opt.integrator
     runge_kutta, euler = steps == kind.mjINT_RK4, steps == kind.mjINT_EULER
     out = {STEP: in_finer_steps(sim, run, w, 4 if runge_kutta else 2)[0] - plain}
@@ -203,7 +216,26 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
     older = w.older(1.1)
     if older is not None:
         out[OLDER] = sim.residuals(run, older)[0] - plain
+    holds = _holding(sim, hypothesis, theta)
+    if holds is not None:
+        out[HOLDING] = sim.residuals([holds], w)[0] - plain
     return out
+
+
+def _holding(sim: Simulator, hypothesis: Hypothesis, theta: Array) -> Run | None:
+    """The same with given dry friction that holds; None where no joint has any whose law is not told."""
+    ctx = sim.ctx
+    told = {t.place for t in hypothesis.terms if "dof_solref" in t.effect.fields}
+    joints = [
+        place
+        for place in default_places(ctx, "joint")
+        if place not in told and ctx.model.dof_frictionloss[ctx.dof(place)] > 0.0
+    ]
+    if not joints:
+        return None
+    more = {t: t.effect.null(ctx, t.place) for t in (Term("coulomb_friction", place) for place in joints)}
+    stiff = Hypothesis.of(*hypothesis.terms, *more)
+    return Run(stiff, stiff.gather(ctx, hypothesis.split(ctx, theta) | more))
 
 
 def nuisances(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> dict[str, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.machine.joint_space import integrate
 from mpge_jax.diagnosis.machine.model import compile_variable, has_plain_law
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.recordings.recording import Recording
-from mpge_jax.diagnosis.recordings.states import States, estimate
+from mpge_jax.diagnosis.recordings.states import States, smoothed
 from mpge_jax.diagnosis.simulation.actuator_state import activations
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
@@ -121,10 +121,8 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     if not kept:
         return Floor()
     segments = [x[0] for x in kept]
-    noise, states, _ = estimate(segments, sim.model, prepared.names)
-    noise = replace(noise, qpos=prepared.noise.qpos, qvel=prepared.noise.qvel)
-    if prepared.noise.direct:
-        states = states_as_measured(segments, sim.model, noise)
+    noise = prepared.noise
+    states = (states_as_measured if noise.direct else smoothed)(segments, sim.model, noise)
     sources = tuple(
         _again(r, s, act, w.sources[k], row) for (r, act, k, row), s in zip(kept, states, strict=True)
     )
@@ -210,6 +208,8 @@ def _simulated(
         n = int(w.seen[k].sum())
         # tangent vectors from the measured to the simulated position, with fresh noise; unmeasured columns stay so
         change = np.nan_to_num(-residual[k, :n, : m.nv]) + scale * rng.standard_normal((n, m.nv))
+        if noise.stamp:
+            change = change + w.drift[k, :n] * rng.standard_normal((n, 1))
         qpos = integrate(m, w.qpos[k, :n], change)
         velocity = None
         if np.isfinite(w.qvel[k, :n]).any():

@@ -10,8 +10,10 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import NO_AMOUNTS
 from mpge_jax.diagnosis.estimation.whitening import (
+    HOLDING,
     INTEGRATOR,
     LATE,
+    LATER,
     NUISANCE,
     STEP,
     column_scale,
@@ -24,8 +26,9 @@ from mpge_jax.diagnosis.thresholds import MOST_SEEN, SEEN
 
 NUMERICS = {
     STEP: "the recordings move as with a finer timestep than the model's",
-    LATE: "commands act at another moment within a timestep than the model has it",
+    LATE: "all commands act later than the model has it",
     INTEGRATOR: "the recordings move as with another integrator than the model's",
+    HOLDING: "the dry friction that the model gives holds otherwise than MuJoCo's, which creeps",
 }
 """What is said of `numerics` where they are seen; of Runge-Kutta the first is another integrator too."""
 
@@ -67,7 +70,10 @@ def numerics_seen(p: Prepared, f: Fitted) -> tuple[dict[str, float], list[str]]:
             continue
         amounts[kind] = float(amount[k])
         if kind in NUMERICS and not any(x.startswith(NUMERICS[kind]) for x in p.warnings):
-            what = NUMERICS[kind if INTEGRATOR in changes or kind == LATE else INTEGRATOR]
+            what = NUMERICS[INTEGRATOR if kind == STEP and INTEGRATOR not in changes else kind]
+            if kind == LATE:
+                # what no motion tells from it, a reader may know
+                what += f" by {1e3 * amount[k] * LATER * w.dt:.2g} ms, as with a delay common to all drives"
             warnings.append(
                 f"{what}: {size.max():.1g} rad or m (rms, at the joint where it is most) over {w.times.max():.2g} s. "
                 "This is taken into account and is not counted as missing physics."

@@ -23,6 +23,7 @@ class Scored:
 
     Attributes:
         factor: by which the whiteners were tempered. each: [W, joints] losses of every joint by itself; empty: of one.
+        unlikely: minus the logarithm of how likely what is known beforehand would be (`Fitted.unlikely`).
     """
 
     fit: Fitted
@@ -32,6 +33,7 @@ class Scored:
     tier: int
     factor: float = 1.0
     each: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    unlikely: float = 0.0
 
     @property
     def losses(self) -> Array:
@@ -142,11 +144,13 @@ def held_out_evidence(a: Scored, b: Scored) -> float:
 
 
 def _ratio(a: Scored, b: Scored, gain: Array) -> float:
-    """Logarithm of the likelihood ratio of `a` to `b` from paired gains [W, joints]. Where the better one leaves
-    nothing but noise of the size that it was taken to have, half of their sum counts, though few windows make it."""
+    """Logarithm of the likelihood ratio of `a` to `b` from paired gains [W, joints], with how likely either is
+    beforehand. Where the better one leaves nothing but noise of the size that it was taken to have, half of their sum
+    counts, though few windows make it."""
     ratio, least = log_ratio(gain), 0.5 * float(gain.sum())
     better = a if least > 0.0 else b
-    return least if abs(least) > abs(ratio) and better.noise_alone else ratio
+    told = least if abs(least) > abs(ratio) and better.noise_alone else ratio
+    return told + b.unlikely - a.unlikely
 
 
 def clearly_worse(a: Scored, best: Scored) -> bool:

@@ -45,7 +45,7 @@ def _filter(dt: Array, y: Array, r: Array, intensity: Array, keep: bool) -> tupl
 
     Args:
         dt: [L-1, B] steps. y: [L, B, 2] position and velocity measurements (NaN: none).
-        r: [B, 2] measurement variances. intensity: [B, G] jerk intensities.
+        r: [L, B, 2] measurement variances. intensity: [B, G] jerk intensities.
         keep: whether to return the filtered and predicted moments.
     """
     length, batch = y.shape[:2]
@@ -53,7 +53,7 @@ def _filter(dt: Array, y: Array, r: Array, intensity: Array, keep: bool) -> tupl
     mean = np.zeros((batch, grid, 3))
     mean[..., 0] = np.nan_to_num(y[0, :, 0])[:, None]
     cov = np.zeros((batch, grid, 3, 3))
-    spread = np.nanvar(y[..., 0], axis=0) + r[:, 0]
+    spread = np.nanvar(y[..., 0], axis=0) + r[..., 0].max(0)
     # a wide start: the first velocity and acceleration are unknown
     cov[..., 0, 0] = 1e2 * (spread + 1e-8)[:, None]
     cov[..., 1, 1] = 1e4
@@ -75,7 +75,7 @@ def _filter(dt: Array, y: Array, r: Array, intensity: Array, keep: bool) -> tupl
             if not seen.any():
                 continue
             innovation = np.where(seen, z, 0.0)[:, None] - mean[..., k]
-            s = cov[..., k, k] + r[:, None, k]
+            s = cov[..., k, k] + r[t, :, None, k]
             gain = np.where(seen[:, None, None], cov[..., :, k] / s[..., None], 0.0)
             mean = mean + gain * innovation[..., None]
             cov = cov - gain[..., :, None] * cov[..., None, k, :]
@@ -108,12 +108,12 @@ def _smooth(dt: Array, moments: list[Array]) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Series:
-    """One column to smooth: times [T], positions [T], velocities [T] or None, deviations of both."""
+    """One column to smooth: times [T], positions [T], velocities [T] or None, deviations of both ([T] of positions)."""
 
     time: Array
     position: Array
     velocity: Array | None
-    sigma: float
+    sigma: Array
     sigma_velocity: float
 
 
@@ -129,14 +129,14 @@ def smooth(series: list[Series]) -> list[Smoothed]:
     batch = len(pieces)
     dt = np.full((max(length - 1, 1), batch), 1e-3)
     y = np.full((length, batch, 2), np.nan)
-    r = np.ones((batch, 2))
+    r = np.ones((length, batch, 2))
     for k, (i, a, b, _, _) in enumerate(pieces):
         s = series[i]
         dt[: b - a - 1, k] = np.minimum(np.diff(s.time[a:b]), PAUSE)
         y[: b - a, k, 0] = s.position[a:b] - s.position[a]
         if s.velocity is not None:
             y[: b - a, k, 1] = s.velocity[a:b]
-        r[k] = s.sigma**2, s.sigma_velocity**2
+        r[: b - a, k, 0], r[:, k, 1] = s.sigma[a:b] ** 2, s.sigma_velocity**2
     loglik, _ = _filter(dt, y, r, np.tile(INTENSITIES, (batch, 1)), keep=False)
     owner = np.array([p[0] for p in pieces])
     pooled = np.array([loglik[owner == owner[k]].mean(0) for k in range(batch)])

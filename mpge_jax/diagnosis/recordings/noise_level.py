@@ -7,6 +7,7 @@ import numpy as np
 Array = np.ndarray
 _MAD = 1.4826
 MIN_ROWS = 12
+HALVINGS = 30
 STILL = 50
 """Rows for each change of a signal from which on it counts as resting."""
 COARSE = 0.02
@@ -29,13 +30,26 @@ def difference_noise(time: Array, value: Array, order: int = 8) -> Array:
     return (weights * value[index]).sum(1)
 
 
-def noise_level(time: Array, value: Array) -> float:
-    """Deviation of white measurement noise: median absolute 8th (or lower) difference, whichever is least."""
+def speed_around(time: Array, value: Array, order: int) -> Array:
+    """[T - order - 2] mean speed between the rows on either side of those of each difference but the outermost, whose
+    noise it does not share."""
+    reach = order + 2
+    return (value[reach:] - value[:-reach]) / (time[reach:] - time[:-reach])
+
+
+def noise_level(time: Array, value: Array, stamp: float = 0.0) -> float:
+    """Deviation of white measurement noise: median absolute 8th (or lower) difference, whichever is least.
+
+    Args:
+        stamp: deviation (s) of the time stamps, which adds as much times the speed.
+    """
     if value.size < MIN_ROWS:
         return float("nan")
     levels = []
     for order in (4, 6, 8):
         d = np.abs(difference_noise(time, value, order))
+        if stamp:
+            d = _at_rest(d[1:-1], stamp * speed_around(time, value, order))
         levels.append(_MAD * float(np.median(d)))
         moving = d[d > 0]
         if moving.size > 0.2 * d.size:
@@ -43,6 +57,17 @@ def noise_level(time: Array, value: Array) -> float:
             levels[-1] = max(levels[-1], 0.5 * _MAD * float(np.median(moving)))
     least = min(levels)
     return float(np.mean([x for x in levels if x <= 1.15 * least]))
+
+
+def _at_rest(d: Array, moved: Array) -> Array:
+    """Differences [N] as they would be of a machine at rest, where its motion `moved` [N] within the deviation of a
+    time stamp adds to their noise."""
+    low, high = 0.0, _MAD * float(np.median(d))
+    for _ in range(HALVINGS):
+        level = 0.5 * (low + high)
+        more = _MAD * float(np.median(d / np.maximum(np.hypot(level, moved), 1e-300))) > 1.0
+        low, high = (level, high) if more else (low, level)
+    return d * high / np.maximum(np.hypot(high, moved), 1e-300)
 
 
 def quantum(values: list[Array], rests: bool = False) -> float:
@@ -70,13 +95,16 @@ def quantum(values: list[Array], rests: bool = False) -> float:
     return q if ratio.max() > 1.5 or (rests and moves.size < 0.5 * steps.size) else 0.0
 
 
-def column_noise(times: list[Array], values: list[Array], rests: bool = False) -> tuple[float, float]:
-    """(noise deviation including quantisation, quantum) of one column over several recordings; `rests`: `quantum`."""
+def column_noise(
+    times: list[Array], values: list[Array], rests: bool = False, stamp: float = 0.0
+) -> tuple[float, float]:
+    """(noise deviation including quantisation, quantum) of one column over several recordings; `rests`: `quantum`,
+    `stamp`: `noise_level`."""
     levels, known = [], []
     for t, v in zip(times, values, strict=True):
         t, v = t[np.isfinite(v)], v[np.isfinite(v)]
         if v.size:
-            levels.append(noise_level(t, v))
+            levels.append(noise_level(t, v, stamp))
             known.append(v)
     levels = [x for x in levels if np.isfinite(x)]
     if not levels:

@@ -42,7 +42,7 @@ def wrong(
         rows = [_liveliest(r.qpos[:, column]) for r in usable]
         estimates = smooth(
             [
-                Series(r.time[k], r.qpos[k, column], None, qpos_noise[column], 1.0)
+                Series(r.time[k], r.qpos[k, column], None, np.full(r.time[k].size, qpos_noise[column]), 1.0)
                 for r, k in zip(usable, rows, strict=True)
             ]
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.machine.model import Names, is_scalar
 from mpge_jax.diagnosis.recordings import recorded_velocities
+from mpge_jax.diagnosis.recordings.clock_noise import stamp_deviation
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.recordings.recording import Recording
@@ -17,6 +18,10 @@ Array = np.ndarray
 SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR = 1e-6, 1e-5
 UNKNOWN_VELOCITY = 1.0
 """Deviation (m/s or rad/s) of a velocity of which nothing was measured."""
+INEXACT_STAMPS = (
+    "the time stamps are inexact by about {:.2g} ms: the noise of positions grows with the speed, alike at all joints; "
+    "this is taken into account."
+)
 MAX_ROWS = 60_000
 """Most rows smoothed over all recordings; longer logs are read in stretches."""
 
@@ -28,12 +33,14 @@ class Noise:
     Attributes:
         qpos: [nq]. qvel: [nv]; infinite where recorded velocities are not used. quantum: [nq].
         direct: whether the measurements are taken as states without smoothing (see `coarse_sampling`).
+        stamp: deviation (s) of the time stamps: a position is off by as much times its speed, too.
     """
 
     qpos: Array
     qvel: Array
     quantum: Array
     direct: bool = False
+    stamp: float = 0.0
 
     def angle(self, column: int) -> float:
         """Deviation (rad, per axis) of an orientation whose quaternion begins at a column of qpos.
@@ -82,10 +89,14 @@ def estimate(
     """
     warnings: list[str] = []
     qpos_noise, quanta = np.full(model.nq, np.nan), np.zeros(model.nq)
+    times, dofs = [r.time for r in recordings], _dof_of_column(model)
+    stamp = stamp_deviation(times, [[r.qpos[:, c] for r in recordings] for c in dofs])
     for c in range(model.nq):
         qpos_noise[c], quanta[c] = column_noise(
-            [r.time for r in recordings], [r.qpos[:, c] for r in recordings], rests=True
+            times, [r.qpos[:, c] for r in recordings], rests=True, stamp=stamp if c in dofs else 0.0
         )
+    if stamp:
+        warnings.append(INEXACT_STAMPS.format(1e3 * stamp))
     _as_others(recordings, model, qpos_noise, quanta)
     qvel_noise = np.full(model.nv, np.inf)
     with_velocity = [(r.time, r.qvel) for r in recordings if r.qvel is not None]
@@ -97,7 +108,6 @@ def estimate(
             qvel_noise[d] = SIGMA_VELOCITY_FLOOR
     qpos_noise = np.maximum(np.nan_to_num(qpos_noise, nan=SIGMA_FLOOR), SIGMA_FLOOR)
     qvel_noise = np.maximum(qvel_noise, SIGMA_VELOCITY_FLOOR)
-    dofs = _dof_of_column(model)
     derived = recorded_velocities.derived(recorded or recordings, dofs, qvel_noise)
     wrong = recorded_velocities.wrong(recordings, dofs, qpos_noise, qvel_noise)
     for unused, why in (
@@ -111,7 +121,7 @@ def estimate(
             joints = sorted({names.joint_of_dof(model, d) for d in unused})
             warnings.append(f"recorded velocities of {', '.join(joints)} {why}")
             qvel_noise[unused] = np.inf
-    noise = Noise(qpos_noise, qvel_noise, quanta)
+    noise = Noise(qpos_noise, qvel_noise, quanta, stamp=stamp)
     return noise, smoothed(recordings, model, noise), warnings
 
 
@@ -160,7 +170,7 @@ def smoothed(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -
                     r.time,
                     r.qpos[:, column],
                     measured_v[:, dof] if usable else None,
-                    float(noise.qpos[column]),
+                    np.hypot(noise.qpos[column], noise.stamp * _speed(r.time, r.qpos[:, column])),
                     float(noise.qvel[dof]) if usable else 1.0,
                 )
             )
@@ -174,6 +184,13 @@ def smoothed(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -
     for r, s in zip(recordings, states, strict=True):
         _rotations(r, s, model, noise)
     return states
+
+
+def _speed(time: Array, value: Array) -> Array:
+    """[T] about how fast a noisy column moves at its rows: between the second row before and the second one after."""
+    ahead = np.minimum(np.arange(time.size) + 2, time.size - 1)
+    behind = np.maximum(np.arange(time.size) - 2, 0)
+    return np.nan_to_num((value[ahead] - value[behind]) / (time[ahead] - time[behind]))
 
 
 def _rotations(recording: Recording, states: States, model: mujoco.MjModel, noise: Noise) -> None:
@@ -208,7 +225,7 @@ def _rotations(recording: Recording, states: States, model: mujoco.MjModel, nois
 
 def _turning(time: Array, quat: Array, sigma: Array) -> tuple[Array, Array, Array]:
     """Smoothed orientations [T, 4], angular velocities in the body's frame [T, 3], and the variance of those [T, 1]."""
-    parts = smooth([Series(time, quat[:, k], None, float(sigma[k]), 1.0) for k in range(4)])
+    parts = smooth([Series(time, quat[:, k], None, np.full(time.size, sigma[k]), 1.0) for k in range(4)])
     mean = np.stack([p.mean[:, 0] for p in parts], 1)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     rate = np.stack([p.mean[:, 1] for p in parts], 1)

@@ -21,7 +21,7 @@ from mpge_jax.diagnosis.estimation.screening import ELABORATE, PLAIN
 from mpge_jax.diagnosis.estimation.whitening import Whitener, usual_excess
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.selection.competition import at_noise, loud_in
-from mpge_jax.diagnosis.selection.criteria import needed, strength
+from mpge_jax.diagnosis.selection.criteria import missed, needed, strength
 from mpge_jax.diagnosis.selection.given_masses import with_given
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
@@ -185,7 +185,7 @@ def _thinned(s: Search, f: Fitted) -> Fitted:
             kept = Hypothesis.of(*(t for t in f.hypothesis.terms if t not in weak[:count]))
             fewer = fit(s.sim, [f.of_terms(s.sim.ctx, kept)], s.train, whites[0], iterations=ITERATIONS)[0]
             less, *more = s.score([fewer, f] if best is None else [fewer, f, best], whites)
-            if not any(needed(r, less) for r in more):
+            if not any(missed(r, less) for r in more):
                 f, best = fewer, min(more, key=lambda r: r.losses.mean()).fit
                 break
             count //= 2

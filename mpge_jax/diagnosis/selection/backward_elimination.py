@@ -19,10 +19,10 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import (
     timing_error,
 )
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
-from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, Whitener, numerics, whitener
+from mpge_jax.diagnosis.estimation.whitening import HOLDING, INTEGRATOR, Whitener, numerics, whitener
 from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.selection.closer_forms import with_plain
-from mpge_jax.diagnosis.selection.criteria import moves, needed, strength
+from mpge_jax.diagnosis.selection.criteria import missed, moves, strength
 from mpge_jax.diagnosis.selection.given_masses import as_given
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
@@ -42,8 +42,8 @@ def needed_fit(s: Search, f: Fitted) -> tuple[Fitted, tuple[Whitener, Whitener]]
 
 
 def prune(s: Search, current: Fitted) -> Fitted:
-    """Remove or simplify, one at a time, effects without which held-out windows are predicted as well: as by what is
-    left, and as by the best that there was, as many slight losses add up."""
+    """Remove or simplify, one at a time, effects that are not `missed`: beside what is left, and beside the best that
+    there was, as many slight losses add up."""
     best: Fitted | None = None
     while current.hypothesis.terms:
         if not _simpler(s, current):
@@ -59,7 +59,7 @@ def prune(s: Search, current: Fitted) -> Fitted:
         scored = s.score([*smaller, *more], whites)
         weakest = min(scored[: len(smaller)], key=lambda r: r.losses.mean())
         # what was once accepted needs less to stay
-        if any(needed(r, weakest) and moves(s, r.fit, weakest.fit) for r in scored[len(smaller) :]):
+        if any(missed(r, weakest) and moves(s, r.fit, weakest.fit) for r in scored[len(smaller) :]):
             return current
         best = min(scored[len(smaller) :], key=lambda r: r.losses.mean()).fit
         s.log.append(f"removed: {current.hypothesis} -> {weakest.fit.hypothesis}")
@@ -144,7 +144,7 @@ def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
         white = whitener(s.sim, f.hypothesis, f.theta, w, s.noise)
         residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
         for what, change in numerics(s.sim, f.hypothesis, f.theta, w).items():
-            if what != INTEGRATOR:
+            if what not in (INTEGRATOR, HOLDING):
                 moved = white(residual + change)
                 shift = np.hypot(shift, gauss_newton_shift(s.sim, f, w, white, moved))
     return replace(f, cov=widened(f.cov, shift))

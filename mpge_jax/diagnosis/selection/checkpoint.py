@@ -86,7 +86,12 @@ def _fit(ctx: Context, terms: _Terms, table: dict[str, Any]) -> Fitted:
 
 
 def _scored_table(r: Scored) -> dict[str, Any]:
-    table: dict[str, Any] = {"directions": r.directions, "tier": r.tier, "factor": r.factor}
+    table: dict[str, Any] = {
+        "directions": r.directions,
+        "tier": r.tier,
+        "factor": r.factor,
+        "unlikely": r.unlikely,
+    }
     return {
         "fit": _fit_table(r.fit),
         "train": r.train.tolist(),
@@ -103,6 +108,7 @@ def _scored(ctx: Context, terms: _Terms, table: dict[str, Any], counts: tuple[in
         raise ValueError("other windows")
     directions, tier, factor = int(table["directions"]), int(table["tier"]), float(table["factor"])
     each = np.array(table["each"], dtype=float).reshape(sum(counts), -1)
-    if not all(np.isfinite(x).all() for x in (train, held, each, factor)):
+    unlikely = float(table["unlikely"])
+    if not all(np.isfinite(x).all() for x in (train, held, each, factor, unlikely)):
         raise ValueError("not finite")
-    return Scored(_fit(ctx, terms, table["fit"]), train, held, directions, tier, factor, each)
+    return Scored(_fit(ctx, terms, table["fit"]), train, held, directions, tier, factor, each, unlikely)

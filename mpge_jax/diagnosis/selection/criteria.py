@@ -9,7 +9,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
-from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, held_out_evidence
+from mpge_jax.diagnosis.evidence.scored import Scored, clearly_worse, evidence, held_out_evidence
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.thresholds import MOVES, NAMED
@@ -37,6 +37,14 @@ def needed(new: Scored, old: Scored, among: int = 1, effects: int = 1) -> bool:
     """Whether held-out windows are predicted better beyond doubt with the terms that `new` has and `old` lacks: so many
     `effects`, each the best of so many candidates."""
     return beyond_doubt(held_out_evidence(new, old), among, effects)
+
+
+def missed(more: Scored, less: Scored) -> bool:
+    """Whether windows are predicted worse beyond doubt by `less`, which lacks some of the terms of `more`: by all of
+    them, as nothing was chosen among candidates, but for half a unit that each further parameter of `more` gains by
+    being fitted to them (Akaike, "A new look at the statistical model identification", 1974)."""
+    fitted = 0.5 * max(more.fit.theta.size - less.fit.theta.size, 0)
+    return beyond_doubt(evidence(more, less) - fitted)
 
 
 def moves(s: Search, new: Fitted, old: Fitted) -> bool:

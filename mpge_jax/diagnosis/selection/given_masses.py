@@ -10,9 +10,7 @@ from mpge_jax.diagnosis.effects.inertia.given import GivenInertias, given_inerti
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.inexact_inertias import with_free_inertias
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
-from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
-from mpge_jax.diagnosis.evidence.scored import evidence
-from mpge_jax.diagnosis.selection.criteria import strength
+from mpge_jax.diagnosis.selection.criteria import missed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import NAMED
 
@@ -23,19 +21,20 @@ TOGETHER = 3
 
 def as_given(s: Search, f: Fitted) -> Fitted:
     """`f` with factors of the given masses and inertias, beside the plain form of a friction, in place of every effect
-    that is not likelier than they are: by all windows, and by how far from one they would have to be."""
+    that is not `missed` then: by how far from one they would have to be, too, and beside the best that there was."""
     share = _share(s)
     if not share or not f.hypothesis.named:
         return f
+    best = f
     for term in _like_masses(s, f):
         whites = s.whiten(f)
         (other,) = fit(
             s.sim, [_instead(s, f, term, given_inertias(share))], s.train, whites[0], iterations=ITERATIONS
         )
-        now, then = s.score([f, other], whites)
-        if not beyond_doubt(evidence(now, then) + _unlikely(s, other) - _unlikely(s, f)):
+        then, *more = s.score([other, f, best], whites)
+        if not any(missed(r, then) for r in more):
             s.log.append(f"as given: {f.hypothesis} -> {other.hypothesis}")
-            f = other
+            f, best = other, min(more, key=lambda r: r.losses.mean()).fit
     return f
 
 
@@ -70,10 +69,3 @@ def _instead(s: Search, f: Fitted, term: Term, given: Term) -> Fitted:
     beside = ((factor, parts), (null, centres))
     theta, centre = (h.gather(ctx, {given: x} | plain | known) for x, known in beside)
     return Fitted(h, theta, centre)
-
-
-def _unlikely(s: Search, f: Fitted) -> float:
-    """Minus the logarithm of how likely the factors of a fit are, against being one."""
-    parts = f.hypothesis.split(s.sim.ctx, f.theta)
-    off = [(x - 1.0) / t.effect.share for t, x in parts.items() if isinstance(t.effect, GivenInertias)]
-    return 0.5 * float(sum((x**2).sum() for x in off))

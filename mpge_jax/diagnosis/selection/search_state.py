@@ -73,7 +73,8 @@ class Search:
         for f, (a, a_each), (b, b_each) in zip(fits, train, held, strict=True):
             tier = sum(t.effect.tier for t in f.hypothesis.terms)
             each = np.concatenate([a_each, b_each])
-            out.append(Scored(f, a, b, f.directions(self.sim.ctx), tier, factor, each))
+            ctx = self.sim.ctx
+            out.append(Scored(f, a, b, f.directions(ctx), tier, factor, each, f.unlikely(ctx)))
         return out
 
     def _losses(self, fits: list[Fitted], w: Windows, white: Whitener) -> list[tuple[Array, Array]]:

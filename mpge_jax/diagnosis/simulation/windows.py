@@ -35,6 +35,7 @@ class Windows:
         qpos: [W, N, nq]. qvel: [W, N, nv] (NaN where not measured).
         moved: [W, nv, 2] by how much the windows start elsewhere than estimated (`initial_states`), in columns of
             `root`.
+        drift: [W, N, nv] by how much the machine moves within the deviation of a time stamp, which may be off by that.
     """
 
     sources: tuple[Source, ...]
@@ -53,6 +54,7 @@ class Windows:
     qvel: Array
     moved: Array
     lead: Array
+    drift: Array
 
     @property
     def shift(self) -> Array:
@@ -97,6 +99,7 @@ class Windows:
             "qvel",
             "moved",
             "lead",
+            "drift",
         )
         return replace(self, **{k: getattr(self, k)[index] for k in keys})
 
@@ -126,6 +129,7 @@ class Windows:
             qpos=self.qpos[:, :rows],
             qvel=self.qvel[:, :rows],
             lead=np.zeros_like(lead),
+            drift=self.drift[:, :rows],
         )
 
     def later(self, seconds: float) -> Windows:
@@ -276,6 +280,7 @@ def cut(
     nq, nv = model.nq, model.nv
     times, seen = np.zeros((w, n)), np.zeros((w, n), bool)
     qpos, qvel = np.full((w, n, nq), np.nan), np.full((w, n, nv), np.nan)
+    drift = np.zeros((w, n, nv))
     q0, v0, root = np.zeros((w, nq)), np.zeros((w, nv)), np.zeros((w, nv, 2, 2))
     act0 = np.zeros((w, model.na))
     start = np.zeros(w)
@@ -287,6 +292,7 @@ def cut(
         m = inside.size
         times[k, :m], seen[k, :m] = r.time[inside] - r.time[a], True
         qpos[k, :m] = r.qpos[inside]
+        drift[k, :m] = noise.stamp * s.states.qvel[inside]
         if r.qvel is not None:
             qvel[k, :m] = r.qvel[inside]
         q0[k], v0[k] = s.states.qpos[a], s.states.qvel[a]
@@ -297,7 +303,7 @@ def cut(
     command = _commands(sources, source, start, dt * np.arange(-before, steps + 1), model.nu)
     return Windows(
         sources, source, start, dt, steps, q0, v0, root, act0, command, times, seen, qpos, qvel,
-        np.zeros((w, nv, 2)), np.zeros_like(seen),
+        np.zeros((w, nv, 2)), np.zeros_like(seen), drift,
     )  # fmt: skip
 
 

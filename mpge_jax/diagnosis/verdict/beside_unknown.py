@@ -21,7 +21,7 @@ from mpge_jax.diagnosis.selection.confirmation import predicts_better
 from mpge_jax.diagnosis.selection.procedure import Decision, decide, look, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
-from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, REMAINS
+from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, MEANS_SOMETHING, REMAINS
 from mpge_jax.diagnosis.verdict.elsewhere import elsewhere
 from mpge_jax.diagnosis.verdict.part_of_unknown import left_of_motion, matters
 from mpge_jax.diagnosis.verdict.remainder_description import describe
@@ -69,8 +69,10 @@ def _nothing_unknown(
 
 
 def _matters(p: Prepared, s: Search, found: Decision, at: list[str]) -> bool:
-    """Whether what is left at some places is more than a detail of recordings that only choose."""
+    """Whether what is left at some places is more than a detail of recordings that only choose, and of their noise."""
     report = fit_report(p, found.fit, "choice", amounts_seen(p, found.fit))
+    if report.after.rms <= MEANS_SOMETHING * report.floor:
+        return False
     share = report.left(s.sim.rugged(found.fit.hypothesis)) ** 2
     return matters(share, left_of_motion(p, found.fit, at, report))
 

@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors, noise_floor, numerical_floor
 from mpge_jax.diagnosis.estimation.told_starts import left_open, told
-from mpge_jax.diagnosis.estimation.whitening import STEP, column_scale
+from mpge_jax.diagnosis.estimation.whitening import STEP
 from tests.diagnosis.machines import FINE_ARM, record
 from tests.diagnosis.searches import COULOMB, prepared_of
 
@@ -30,8 +30,7 @@ def windows(rubbing):
 
 def test_a_wrong_velocity_is_mended_by_the_true_model(windows):
     p, w, wrong = windows
-    scale = column_scale(p.noise, p.model)
-    right, again = (told(p.sim, TRUTH, x, scale) for x in (w, wrong))
+    right, again = (told(p.sim, TRUTH, x, p.noise) for x in (w, wrong))
     deviation = np.abs(replace(w, moved=np.ones_like(w.moved)).shift[:, 1])
     off, left = (
         np.abs(a - b)[:, 0]
@@ -47,28 +46,30 @@ def test_every_window_is_told_by_itself_and_to_the_end(windows):
     p, w, wrong = windows
     both = w.take(np.tile(np.arange(w.count), 2))
     both = replace(both, v0=np.concatenate([w.v0, wrong.v0]))
-    scale = column_scale(p.noise, p.model)
-    whole = told(p.sim, TRUTH, both, scale)
-    each = [told(p.sim, TRUTH, both.take([k]), scale).moved[0] for k in range(both.count)]
+    whole = told(p.sim, TRUTH, both, p.noise)
+    each = [told(p.sim, TRUTH, both.take([k]), p.noise).moved[0] for k in range(both.count)]
     np.testing.assert_allclose(whole.moved, each, atol=1e-9)
     # further steps move none by more than a hundredth of a deviation
-    again = told(p.sim, TRUTH, whole, scale)
+    again = told(p.sim, TRUTH, whole, p.noise)
     np.testing.assert_allclose(again.moved, whole.moved, atol=0.01)
 
 
 def test_what_is_compared_tells_no_start(windows):
     p, w, _ = windows
-    scale = column_scale(p.noise, p.model)
     hidden = replace(w, qpos=np.where(w.seen[..., None], 0.3, w.qpos))
-    np.testing.assert_array_equal(told(p.sim, TRUTH, hidden, scale).moved, told(p.sim, TRUTH, w, scale).moved)
+    np.testing.assert_array_equal(
+        told(p.sim, TRUTH, hidden, p.noise).moved, told(p.sim, TRUTH, w, p.noise).moved
+    )
     hidden = replace(w, qpos=np.where(w.lead[..., None], 0.3, w.qpos))
-    assert (told(p.sim, TRUTH, hidden, scale).moved != told(p.sim, TRUTH, w, scale).moved).any((1, 2)).all()
+    assert (
+        (told(p.sim, TRUTH, hidden, p.noise).moved != told(p.sim, TRUTH, w, p.noise).moved).any((1, 2)).all()
+    )
 
 
 def test_less_is_left_open_than_before_and_errors_are_as_large_as_that(null):
     _, p = null
     w = p.windows("test", 0.5, 6)
-    cov = left_open(p.sim, NOTHING, w, column_scale(p.noise, p.model))
+    cov = left_open(p.sim, NOTHING, w, p.noise)
     assert (np.linalg.eigvalsh(np.eye(2) - cov) > -1e-9).all() and (np.linalg.det(cov) < 0.5).all()
     # the recording was made in steps a quarter as long: one and a half times what halving them changes
     steps = numerical_floor(p.sim, NOTHING, w, p.noise, {STEP: 1.5})
@@ -91,21 +92,19 @@ def test_predictions_with_the_steps_of_the_recordings_are_as_good_as_noise_lets_
 def test_windows_that_keep_no_rows_for_it_stay_as_they_are(rubbing):
     _, p = rubbing
     w = p.windows("train", 0.25, 4)
-    scale = column_scale(p.noise, p.model)
-    assert told(p.sim, TRUTH, w, scale) is w
-    np.testing.assert_array_equal(left_open(p.sim, TRUTH, w, scale)[0], np.eye(2))
+    assert told(p.sim, TRUTH, w, p.noise) is w
+    np.testing.assert_array_equal(left_open(p.sim, TRUTH, w, p.noise)[0], np.eye(2))
 
 
 def test_slopes_of_a_fit_nearby_serve_where_the_machine_is_smooth(windows):
     p, _, wrong = windows
-    scale = column_scale(p.noise, p.model)
-    own = told(p.sim, TRUTH, wrong, scale)
-    near = told(p.sim, TRUTH, wrong, scale, near=NOTHING)
+    own = told(p.sim, TRUTH, wrong, p.noise)
+    near = told(p.sim, TRUTH, wrong, p.noise, near=NOTHING)
     assert (near.moved != own.moved).any()
     np.testing.assert_allclose(near.moved, own.moved, atol=0.02)
     # inside a gap parts strike each other: slopes of one fit say nothing of another
     gap = np.array([0.02, 0.5])
     rattles = Fitted(Hypothesis.of(Term("backlash", COULOMB.place)), gap, gap)
-    np.testing.assert_array_equal(told(p.sim, TRUTH, wrong, scale, near=rattles).moved, own.moved)
-    its = told(p.sim, rattles, wrong, scale)
-    np.testing.assert_array_equal(told(p.sim, rattles, wrong, scale, near=TRUTH).moved, its.moved)
+    np.testing.assert_array_equal(told(p.sim, TRUTH, wrong, p.noise, near=rattles).moved, own.moved)
+    its = told(p.sim, rattles, wrong, p.noise)
+    np.testing.assert_array_equal(told(p.sim, rattles, wrong, p.noise, near=TRUTH).moved, its.moved)

@@ -55,7 +55,7 @@ def test_an_encoder_that_rests_most_of_the_time_has_the_noise_of_its_step():
 def test_a_pause_of_days_does_not_spoil_what_lies_beside_it(pause):
     t, rng = 0.01 * np.arange(60), np.random.default_rng(0)
     y = np.sin(3 * t) + 1e-4 * rng.standard_normal(t.size)
-    s = smooth([Series(np.r_[t, t + pause], np.r_[y, y], None, 1e-4, 1.0)])[0]
+    s = smooth([Series(np.r_[t, t + pause], np.r_[y, y], None, np.full(2 * t.size, 1e-4), 1.0)])[0]
     truth = np.tile(3 * np.cos(3 * t), 2)
     deviation = np.sqrt(s.cov[:, 1, 1])
     assert (np.abs(s.mean[:, 1] - truth) < 5 * deviation).all() and (deviation[1:] < 0.02).all()
@@ -65,7 +65,7 @@ def test_smoother_recovers_velocity_with_honest_uncertainty():
     rng = np.random.default_rng(1)
     t = np.cumsum(rng.uniform(0.008, 0.012, 400))
     y = np.sin(4 * t) + 1e-3 * rng.standard_normal(400)
-    s = smooth([Series(t, y, None, 1e-3, 1.0)])[0]
+    s = smooth([Series(t, y, None, np.full(t.size, 1e-3), 1.0)])[0]
     error = s.mean[20:-20, 1] - 4 * np.cos(4 * t[20:-20])
     deviation = np.sqrt(s.cov[20:-20, 1, 1])
     assert np.sqrt(np.mean(error**2)) < 0.06

@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.evidence.scored import Scored
 from mpge_jax.diagnosis.selection import criteria, forward_selection, search_state
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune, refined
-from mpge_jax.diagnosis.selection.criteria import choose, needed
+from mpge_jax.diagnosis.selection.criteria import choose, missed, needed
 from mpge_jax.diagnosis.selection.forward_selection import search
 from tests.diagnosis.machines import FINE_PENDULUM, really_sticks, record
 from tests.diagnosis.searches import (
@@ -43,6 +43,21 @@ def test_small_gains_at_the_noise_are_not_needed(null):
     )
     assert not needed(better, old)
     assert needed(dataclasses.replace(better, held=better.held - 0.2), old)
+
+
+@pytest.mark.parametrize(
+    ("train", "held", "is_missed"),
+    [(0.2, 0.2, True), (0.15, 0.0, False), (0.3, 0.0, True), (0.2, -0.2, False)],
+    ids=["a little everywhere", "as much as fitting gains", "much more than that", "unseen windows deny it"],
+)
+def test_what_goes_is_missed_by_all_windows_but_for_what_fitting_gains(null, train, held, is_missed):
+    """Half of the sum of the gains, 40 and 20 windows', is less half a unit for one parameter to exceed three."""
+    s, _ = null
+    more = Scored(fitted(s, {COULOMB: [0.1], ARMATURE: [0.001]}), np.ones(40), np.ones(20), 2, 2)
+    less = Scored(fitted(s, {COULOMB: [0.1]}), np.full(40, 1.0 + train), np.full(20, 1.0 + held), 1, 1)
+    assert missed(more, less) == is_missed
+    # a gain of half the windows' share does not tell by those alone that nothing was fitted to
+    assert not needed(more, less)
 
 
 def test_windows_in_which_something_happens_are_fitted():

@@ -10,8 +10,9 @@ import pytest
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.inertia.given import given_inertias
+from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
-from mpge_jax.diagnosis.evidence.scored import Scored, hopeful
+from mpge_jax.diagnosis.evidence.scored import Scored, evidence, held_out_evidence, hopeful
 from mpge_jax.diagnosis.selection import forward_selection
 from mpge_jax.diagnosis.selection.given_masses import as_given
 from tests.diagnosis.machines import ARM, really_sticks, record
@@ -115,6 +116,25 @@ def test_masses_do_not_stand_for_physics_that_explains_more(null, monkeypatch):
     better, worse = _scored(s, 1.0, COULOMB), _scored(s, 2.5, COULOMB)
     assert forward_selection._chosen(s, [better, given], base) is None
     assert forward_selection._chosen(s, [given, worse], base) is given
+
+
+def test_given_masses_cost_what_they_are_unlikely(null):
+    """Half the square of their deviations in all, once, however many windows there are; of other effects nothing."""
+    s, _ = null
+    given = given_inertias(0.03)
+    factors = np.ones(len(given.params(s.sim.ctx)))
+    factors[:2] = 1.03, 1.0 - 2 * 0.03
+    f = fitted(s, {given: factors, COULOMB: [0.1]})
+    assert f.unlikely(s.sim.ctx) == pytest.approx(0.5 * (1 + 4))
+    now, free = s.score([NOTHING, f], s.whiten(NOTHING))
+    assert now.unlikely == 0.0 and free.unlikely == pytest.approx(2.5)
+    gain = evidence(replace(free, unlikely=0.0), now)
+    assert evidence(free, now) == pytest.approx(gain - 2.5) and evidence(now, free) == pytest.approx(
+        2.5 - gain
+    )
+    assert held_out_evidence(free, replace(now, unlikely=2.5)) == held_out_evidence(
+        replace(free, unlikely=0.0), now
+    )
 
 
 def test_masses_take_no_candidates_place(null):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import mujoco
 import numpy as np
@@ -221,13 +222,29 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
     assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
 
 
+def test_commands_that_act_within_a_timestep_are_told_with_their_delay():
+    """The machine obeys a millisecond late, half of the model's timestep: two of the steps that it is simulated in."""
+    held: list[np.ndarray] = []
+
+    def late(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        held[:] = [data.ctrl.copy() for _ in range(3)] if data.time == 0.0 else [*held[1:], data.ctrl.copy()]
+        data.ctrl[:] = held[0]
+
+    p = prepared_of(FINE_PENDULUM, record(FINE_PENDULUM, 0.8, force=late, noise=1e-5))
+    told = numerics_seen(p, NOTHING)[1][-1]
+    by = re.match(
+        r"all commands act later than the model has it by (\S+) ms, as with a delay common to all", told
+    )
+    assert by is not None and float(by[1]) == pytest.approx(1.0, rel=0.1)
+
+
 @pytest.mark.parametrize(("timestep", "warned"), [("0.002", True), ("0.008", False)])
 def test_a_finer_timestep_is_told_with_its_size(timestep, warned):
     """Recordings are made with a quarter of the timestep."""
     p = prepared_of(FINE_PENDULUM, record(FINE_PENDULUM.replace("0.002", timestep), 0.8, noise=1e-5))
     amounts, told = numerics_seen(p, NOTHING)
     assert any("move as with a finer timestep" in x for x in told) == (STEP in amounts) == warned
-    assert not any("another moment" in x for x in told)
+    assert not any("act later" in x for x in told)
     # halving the timestep is two thirds of the way to a quarter
     assert not warned or amounts[STEP] == pytest.approx(1.5, rel=0.1)
     # all is simulated in such steps, and that is said once
