@@ -174,9 +174,6 @@ def _recording(
         if value.ndim == 1 and key != "time":
             value = value[:, None]
         arrays[KEYS[key]] = value
-    force = arrays.get("force")
-    if force is not None and np.isnan(force).all():
-        arrays.pop("force")
     for key in ("ctrl", "force") if model.nu == 0 else ():
         if np.nan_to_num(arrays.pop(key, np.zeros(0))).any():
             what = "commands ('ctrl')" if key == "ctrl" else "forces of actuators"

@@ -196,8 +196,9 @@ def validate(
 
 
 def _of_arrays(r: Recording) -> Recording:
-    """The recording with arrays in place of lists."""
+    """The recording with arrays in place of lists, and without commands or forces of which there is none."""
     qvel, ctrl, force = (None if x is None else np.asarray(x) for x in (r.qvel, r.ctrl, r.force))
+    ctrl, force = (None if x is None or (x.size and np.isnan(x).all()) else x for x in (ctrl, force))
     return replace(r, time=np.asarray(r.time), qpos=np.asarray(r.qpos), qvel=qvel, ctrl=ctrl, force=force)
 
 

@@ -6,7 +6,8 @@ elsewhere (a delay for friction and rotor inertia behind a servo). Where several
 noise lets them, or several effects were found and the rest is still more than noise, or the search would end with more
 than noise left, the opposite direction is tried: all of the plain effects of joints, and a mass that some body may
 carry besides, fitted together, and those that are not needed taken away. So are drives that have one thing in common:
-commands that pass one bus come late together, and one supply makes all of them weaker.
+commands that pass one bus come late together, one supply makes all of them weaker, and motors of one make lag alike, or
+do nothing for a slight command.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
-IN_EVERY_DRIVE = ("actuator_delay", "actuator_gain")
+IN_EVERY_DRIVE = ("actuator_delay", "actuator_lag", "actuator_gain", "actuator_deadzone")
+LATE_AND_WEAK = (("actuator_delay", "actuator_gain"), ("actuator_lag", "actuator_gain"))
+"""What all drives may lack at once, beside what joints do."""
 LOAD = "payload_mass"
 ITERATIONS = 5
 
@@ -47,8 +50,9 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     white = s.whiten_one(current, s.train)
     fits = fit(s.sim, starts, s.train, white, iterations=8)
     if not any(at_noise(s, f, s.whiten_one(f, s.train)) for f in fits):
-        both = _with_every_drive(s, joints[0] or current, IN_EVERY_DRIVE)
-        fits += [] if both is None else fit(s.sim, [both], s.train, white, iterations=8)
+        both = [_with_every_drive(s, joints[0] or current, effects) for effects in LATE_AND_WEAK]
+        better = sorted((f for f in both if f is not None), key=lambda f: f.loss)[:1]
+        fits += fit(s.sim, better, s.train, white, iterations=8) if better else []
         fits[0] = _with_load(s, fits[0], white)
         # where every joint lacks something, the masses were hardly weighed either
         free = with_given(s, fits[0])

@@ -76,7 +76,8 @@ def test_npz_and_csv_give_the_same_recording(tmp_path, arm):
         ({"qpos": np.full((20, 2), np.nan)}, "no position was measured"),
         ({"qpos": np.r_[[[np.inf, 0.0]], np.zeros((19, 2))]}, "'qpos' of shoulder is infinite at row 0"),
         ({"qpos": np.r_[[[0.0, np.nan]], np.zeros((19, 2))]}, "'qpos' of elbow is NaN at row 0"),
-        ({"ctrl": np.full((20, 2), np.nan)}, "'ctrl' of shoulder_motor was not recorded"),
+        ({"ctrl": np.full((20, 2), np.nan)}, "there are neither commands"),
+        ({"ctrl": np.tile([np.nan, 0.1], (20, 1))}, "'ctrl' of shoulder_motor was not recorded"),
         ({"ctrl": np.r_[[[0.0, np.nan]], np.zeros((19, 2))]}, "'ctrl' of elbow_servo is NaN at row 0"),
         ({"time": 10.0 * np.arange(20)}, r"rows are 10 s apart, .* times are in seconds \(a map"),
         ({"ctrl": None}, "neither commands"),
@@ -442,6 +443,13 @@ def test_names_of_files_need_not_be_text(tmp_path, arm):
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/fl\xfcgel.npz"))
     path.write_bytes(_save(tmp_path).read_bytes())
     assert read_recording(path, *arm).name == "fl\ufffdgel"
+
+
+def test_commands_that_are_nan_throughout_were_not_recorded(tmp_path, arm):
+    """As the column of any other quantity, where forces were measured."""
+    path = _save(tmp_path, ctrl=np.full((20, 2), np.nan), actuator_force=np.ones((20, 2)))
+    r = read_recording(path, *arm)
+    assert r.ctrl is None and r.force is not None
 
 
 def test_lists_are_arrays(arm):

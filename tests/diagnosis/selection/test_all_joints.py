@@ -104,7 +104,11 @@ def test_friction_and_rotor_inertia_in_every_joint_are_found_beside_masses_that_
 
 @pytest.mark.parametrize(
     ("effect", "size"),
-    [pytest.param("actuator_delay", 0.03, marks=pytest.mark.slow), ("actuator_gain", 0.6)],
+    [
+        pytest.param("actuator_delay", 0.03, marks=pytest.mark.slow),
+        ("actuator_lag", 0.06),
+        ("actuator_gain", 0.6),
+    ],
 )
 def test_what_all_drives_have_in_common_is_found_together(effect, size):
     def change(model: mujoco.MjModel) -> None:
@@ -114,8 +118,17 @@ def test_what_all_drives_have_in_common_is_found_together(effect, size):
             model.actuator_biasprm[:] *= size
         model.dof_frictionloss[:] = FRICTION
 
+    obeyed = np.zeros(2)
+
+    def lags(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        obeyed[:] = (
+            data.ctrl if data.time == 0.0 else obeyed + (data.ctrl - obeyed) * model.opt.timestep / size
+        )
+        data.ctrl[:] = obeyed
+
     late = round(100 * size) if effect == "actuator_delay" else 0
-    recordings = record(FINE_ARM, [4.0, 0.8], change=change, count=4)
+    force = lags if effect == "actuator_lag" else None
+    recordings = record(FINE_ARM, [4.0, 0.8], change=change, force=force, count=4)
     recordings = [replace(r, ctrl=np.roll(r.known("ctrl"), -late, axis=0)) for r in recordings]
     recordings = [rows_of(r, slice(0, r.time.size - late), r.name) for r in recordings]
     s = search_of(FINE_ARM, recordings)[0]
