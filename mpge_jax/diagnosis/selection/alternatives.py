@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from mpge_jax.diagnosis.effects.candidates import compatible
@@ -37,18 +40,24 @@ SPECIAL_CASES = {
 """Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
 ITERATIONS = 8
 """Steps of the fit of what comes near, most of which ends before: hypotheses are compared each at its own best."""
+NOTHING_WEIGHED: Mapping[Term, list[Rival]] = MappingProxyType({})
 PLAIN_LAWS = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
 
 
 def find_rivals(
-    s: Search, best: Scored, whites: tuple[Whitener, Whitener], known: list[Scored], keep: int = 6
+    s: Search,
+    best: Scored,
+    whites: tuple[Whitener, Whitener],
+    known: list[Scored],
+    keep: int = 6,
+    weighed: Mapping[Term, list[Rival]] = NOTHING_WEIGHED,
 ) -> dict[Term, list[Rival]]:
     """Rivals of every term, nearest first. Beside many effects, only what acts at the same joint is weighed against
     each: what acts elsewhere was compared while they were chosen.
 
     Args:
         best: the chosen fit, scored under `whites`. known: fits of single effects from the search, reused where
-            the chosen hypothesis has one term.
+            the chosen hypothesis has one term. weighed: rivals that stand (`unaffected`).
     """
     out: dict[Term, list[Rival]] = {}
     ctx = s.sim.ctx
@@ -57,6 +66,9 @@ def find_rivals(
     keep = KEEP_OF_MANY if many else keep
     slopes = slopes_of(s.sim, best.fit, s.train, whites[0])
     for term in best.fit.hypothesis.named:
+        if term in weighed:
+            out[term] = weighed[term]
+            continue
         s.say(f"weighing alternatives to {term}")
         base_h = best.fit.hypothesis.without(term)
         parts = best.fit.hypothesis.split(ctx, best.fit.theta)
@@ -94,6 +106,24 @@ def find_rivals(
         rivals += _all_drives_weaker(s, best, whites, term)
         out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
+
+
+def unaffected(
+    s: Search, rivals: Mapping[Term, list[Rival]], old: Hypothesis, new: Hypothesis
+) -> dict[Term, list[Rival]]:
+    """Rivals that stand though another hypothesis was chosen: beside many effects, of terms at joints at which nothing
+    else acts now. Those that tied are weighed anew, as they are reported with all that is beside them."""
+    if not (s.brief(old) and s.brief(new)):
+        return {}
+    changed = set(old.terms) ^ set(new.terms)
+    joints = set[int]().union(*(_joints(s.sim.ctx, t.place) for t in changed))
+    return {
+        t: its
+        for t, its in rivals.items()
+        if t in new.terms
+        and not (joints & _joints(s.sim.ctx, t.place))
+        and not any(r.tied or r.better for r in its)
+    }
 
 
 def _all_drives_weaker(s: Search, best: Scored, whites: tuple[Whitener, Whitener], term: Term) -> list[Rival]:

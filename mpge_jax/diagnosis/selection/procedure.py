@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.evidence.held_out_error import MAY_BE_NONE, FitReport, f
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.recordings.three_parts import Part
-from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
+from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals, unaffected
 from mpge_jax.diagnosis.selection.backward_elimination import needed_fit, refined, with_timestep_error
 from mpge_jax.diagnosis.selection.confirmation import confirmed, predicts_better, refitted
 from mpge_jax.diagnosis.selection.criteria import may_be_none
@@ -259,15 +259,18 @@ def _weighed(
     s: Search, f: Fitted, whites: tuple[Whitener, Whitener], last: list[Scored]
 ) -> tuple[Fitted, dict[Term, list[Rival]]]:
     """A final fit with its rivals, after exchanging terms for rivals that predict clearly better."""
+    stands: dict[Term, list[Rival]] = {}
     for left in reversed(range(EXCHANGES + 1)):
-        rivals = find_rivals(s, s.score([f], whites)[0], whites, last)
+        rivals = find_rivals(s, s.score([f], whites)[0], whites, last, weighed=stands)
         better = better_rival(rivals)
         if better is None or not left:
             break
         s.log.append(f"exchanged: {f.hypothesis} -> {better.fit.hypothesis}")
         s.resume = Reached(better.fit)
+        before = f.hypothesis
         f, last = search(s)
         f, whites = needed_fit(s, f)
+        stands = unaffected(s, rivals, before, f.hypothesis)
     if f.theta.size and s.sim.rugged(f.hypothesis):
         s.say("refining parameters")
         f = with_timestep_error(s, polished(s.sim, f, s.train, s.whiten(f)[0], s.seed), s.train)

@@ -1,14 +1,21 @@
 """One effect in place of several."""
 
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
+import pytest
 
+from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.evidence.scored import Rival
+from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.selection import alternatives
-from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals
+from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals, unaffected
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
-from tests.diagnosis.machines import PENDULUM, really_sticks, record
-from tests.diagnosis.searches import COULOMB, DAMPING, HINGE, MOTOR, fitted, search_of
+from tests.diagnosis.machines import ARM, PENDULUM, really_sticks, record
+from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, HINGE, MOTOR, fitted, search_of
 
 BIAS, BY_DIRECTION = Term("actuator_bias", MOTOR), Term("asymmetric_friction", HINGE)
 
@@ -45,3 +52,37 @@ def test_friction_beside_a_bias_stays_what_it_is():
         data.qfrc_applied[0] += 0.05
 
     assert set(_settled((_rubbing, force), COULOMB, BIAS).terms) == {BIAS, COULOMB}
+
+
+def _on_an_arm(*names: str) -> Hypothesis:
+    joints = {"shoulder": Place("joint", "shoulder", 0), "elbow": Place("joint", "elbow", 1)}
+    world = {"world": Place("world", "world", 0)}
+    places = (name.partition("@") for name in names)
+    return Hypothesis.of(*(Term(effect, (joints | world)[at]) for effect, _, at in places))
+
+
+@pytest.mark.parametrize(
+    ("instead", "many", "tied", "stand"),
+    [
+        ("viscous_damping@elbow", True, False, {"coulomb_friction@shoulder"}),
+        ("viscous_damping@elbow", True, True, set()),
+        ("viscous_damping@elbow", False, False, set()),
+        ("gravity_tilt@world", True, False, set()),
+    ],
+    ids=["at the same joint", "one that tied", "beside few", "everywhere"],
+)
+def test_alternatives_stand_at_joints_where_nothing_else_acts_now(instead, many, tied, stand):
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(ARM)))
+    s = SimpleNamespace(sim=SimpleNamespace(ctx=ctx), brief=lambda _h: many)
+    old = _on_an_arm("coulomb_friction@shoulder", "coulomb_friction@elbow", "armature@elbow")
+    new = _on_an_arm("coulomb_friction@shoulder", "coulomb_friction@elbow", instead)
+    rivals = {t: [Rival(t, NOTHING, 9.0, "", tied=tied)] for t in old.terms}
+    assert set(map(str, unaffected(s, rivals, old, new))) == stand
+
+
+def test_alternatives_that_stand_are_not_weighed_again(rubbing_finely, monkeypatch):
+    s, _ = rubbing_finely
+    f, whites = final_fit(s, fitted(s, {COULOMB: [0.1]}))
+    stands = {COULOMB: [Rival(ARMATURE, f, 9.0, "as before")]}
+    monkeypatch.setattr(s, "say", pytest.fail)
+    assert find_rivals(s, s.score([f], whites)[0], whites, [], weighed=stands) == stands
