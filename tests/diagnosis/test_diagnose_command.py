@@ -402,7 +402,7 @@ def test_an_interrupted_search_goes_on_where_it_was(folder, result, tmp_path, mo
     arguments = ["--model", str(folder / MODEL), "--recordings", str(folder), "--jobs", "1", "--quiet"]
     arguments += ["--effects", *EFFECTS, "--out", str(out)]
 
-    def interrupt(*_args):
+    def interrupt(*_args, **_named):
         raise KeyboardInterrupt
 
     for module, part in ((whole.Diagnosis, "write"), (decisions, "find_rivals")):

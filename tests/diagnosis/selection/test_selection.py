@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, STEP, numerics, robust_loss, whitener
+from mpge_jax.diagnosis.estimation.whitening import HOLDING, INTEGRATOR, STEP, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.numerics_seen import numerics_seen
 from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
@@ -28,7 +28,7 @@ from mpge_jax.diagnosis.selection.search_state import MANY, WORK
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.thresholds import AT_NOISE, LOUD
-from tests.diagnosis.machines import ARM, FINE_ARM, FINE_PENDULUM, PENDULUM, SERVO, record
+from tests.diagnosis.machines import ARM, FINE_ARM, FINE_PENDULUM, PENDULUM, SERVO, really_sticks, record
 from tests.diagnosis.searches import fitted, prepared_of
 
 
@@ -220,6 +220,25 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
         losses.append(robust_loss(white.excess(white(s.sim.residuals([nothing], s.held))[0])).mean())
     assert losses[0] < 1.1 < 1.4 < losses[1]
     assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def test_given_friction_that_holds_where_mujocos_creeps_is_no_physics():
+    rubs = FINE_ARM.replace('name="shoulder" axis', 'name="shoulder" frictionloss="0.3" axis')
+    p = prepared_of(rubs, record(rubs, [1.0, 0.8], change=lambda m: really_sticks(m, 0), noise=1e-5))
+    s = _search(p)
+    changes = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held)
+    nothing, losses = Run(NOTHING.hypothesis, NOTHING.theta), []
+    for nuisance in (changes, {k: x for k, x in changes.items() if k != HOLDING}):
+        white = whitener(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held, s.noise, nuisance, temper=False)
+        losses.append(robust_loss(white.excess(white(s.sim.residuals([nothing], s.held))[0])).mean())
+    assert losses[0] < 1.2 < 2.0 < losses[1]
+    # the engine's own friction that holds is as the machine's
+    amounts, told = numerics_seen(p, NOTHING)
+    assert amounts[HOLDING] == pytest.approx(1.0, abs=0.15)
+    assert any("holds otherwise than MuJoCo's" in x for x in told)
+    # where more friction is found, its law is that of both
+    rubbing = fitted(s, {Term("coulomb_friction", Place("joint", "shoulder", 0)): [0.1]})
+    assert HOLDING not in numerics(s.sim, rubbing.hypothesis, rubbing.theta, s.held)
 
 
 def test_commands_that_act_within_a_timestep_are_told_with_their_delay():
