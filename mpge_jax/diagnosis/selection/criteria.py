@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2, norm
 
+from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
@@ -42,9 +43,18 @@ def needed(new: Scored, old: Scored, among: int = 1, effects: int = 1) -> bool:
 def missed(more: Scored, less: Scored) -> bool:
     """Whether windows are predicted worse beyond doubt by `less`, which lacks some of the terms of `more`: by all of
     them, as nothing was chosen among candidates, but for half a unit that each further parameter of `more` gains by
-    being fitted to them (Akaike, "A new look at the statistical model identification", 1974)."""
+    being fitted to them (Akaike, "A new look at the statistical model identification", 1974). Of the forms of an effect
+    one was chosen: between those, windows that neither was fitted to decide.
+    """
+    if _effects(more) == _effects(less):
+        return needed(more, less)
     fitted = 0.5 * max(more.fit.theta.size - less.fit.theta.size, 0)
     return beyond_doubt(evidence(more, less) - fitted)
+
+
+def _effects(r: Scored) -> set[tuple[str, Place]]:
+    """The effects of a fit with their places, in whatever form."""
+    return {(t.plain, t.place) for t in r.fit.hypothesis.terms}
 
 
 def moves(s: Search, new: Fitted, old: Fitted) -> bool:

@@ -10,6 +10,7 @@ import pytest
 
 from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.dataset.informative_windows import telling_windows
+from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, screen
 from mpge_jax.diagnosis.evidence.scored import Scored
@@ -58,6 +59,15 @@ def test_what_goes_is_missed_by_all_windows_but_for_what_fitting_gains(null, tra
     assert missed(more, less) == is_missed
     # a gain of half the windows' share does not tell by those alone that nothing was fitted to
     assert not needed(more, less)
+
+
+def test_of_the_forms_of_an_effect_unseen_windows_decide(null):
+    s, _ = null
+    elastic = Term("coulomb_friction:elastic", COULOMB.place)
+    closer = Scored(fitted(s, {elastic: [0.1, 0.01, 0.5]}), np.ones(40), np.ones(20), 2, 2)
+    for held, is_missed in ((0.2, False), (0.5, True)):
+        plain = Scored(fitted(s, {COULOMB: [0.1]}), np.full(40, 9.0), np.full(20, 1.0 + held), 1, 1)
+        assert missed(closer, plain) == is_missed
 
 
 def test_windows_in_which_something_happens_are_fitted():
