@@ -75,4 +75,5 @@ SLIGHT = 0.02
 """Share of the squared error up to which what is left is told beside the effects and does not change the verdict."""
 MEANS_SOMETHING = 2.0
 """How many times the noise a window's error must be to mean anything: the usual one's for the share that is left, and
-any one's where effects are confirmed by errors in units of the noise."""
+any one's where effects are confirmed by errors in units of the noise, and that of all together for a search beside what
+has no name."""

@@ -20,6 +20,7 @@ from mpge_jax.diagnosis.estimation.screening import screen
 from mpge_jax.diagnosis.estimation.whitening import Whitener, column_scale
 from mpge_jax.diagnosis.machine.joint_space import integrate
 from mpge_jax.diagnosis.machine.model import qpos_columns
+from mpge_jax.diagnosis.recordings.noise_level import MAD
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR, Noise, States
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
@@ -175,7 +176,7 @@ def _typical(residual: Array) -> Array:
     for c in range(out.size):
         value = np.abs(residual[..., c][np.isfinite(residual[..., c])])
         if value.size:
-            out[c] = 1.4826 * float(np.median(value))
+            out[c] = MAD * float(np.median(value))
     return out
 
 
@@ -192,7 +193,7 @@ def _scaled(w: Windows, level: Array) -> Whitener:
     seen = (seen & np.isfinite(level)).reshape(w.count, -1)
     none = np.zeros((w.count, 1))
     return Whitener(
-        level,
+        np.broadcast_to(level, (*w.seen.shape, level.size)),
         np.zeros((*seen.shape, 1)),
         none,
         seen,

@@ -45,7 +45,7 @@ class Whitener:
     """Whitens residuals of one set of windows.
 
     Attributes:
-        scale: [2 nv] or [W, N, 2 nv] deviations of the noise, infinite for columns that are not compared.
+        scale: [W, N, 2 nv] deviations of the noise, infinite for columns that are not compared.
         basis: [W, M, k] orthonormal directions. shrink: [W, k]. seen: [W, M] mask.
         count: [W] compared values. expected: [W] chi^2 over count when the hypothesis is true.
         factor: by which tempering enlarged sigma (1: residuals are in units of the noise).

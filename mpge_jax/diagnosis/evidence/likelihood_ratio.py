@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import rankdata
 
+from mpge_jax.diagnosis.recordings.noise_level import MAD
 from mpge_jax.diagnosis.thresholds import CLEARLY, ORDINARY, OUTLYING, SURE
 
 Array = np.ndarray
@@ -52,7 +53,7 @@ def stand_out(losses: Array) -> Array:
     """Which windows [W] stand out from others that show nothing but noise; none where those show more, or so much less
     that the noise is overestimated. Only for losses in units of the noise (of a whitener that is not tempered)."""
     middle = float(np.median(losses))
-    scatter = 1.4826 * float(np.median(np.abs(losses - middle)))
+    scatter = MAD * float(np.median(np.abs(losses - middle)))
     if not 0.5 <= middle <= ORDINARY:
         return np.zeros(losses.shape, bool)
     return losses > middle + max(OUTLYING * scatter, CLEARLY)

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mpge_jax.diagnosis.recordings.noise_level import difference_noise, speed_around
+from mpge_jax.diagnosis.recordings.noise_level import MAD, ORDERS, difference_noise, speed_around
 
 Array = np.ndarray
-_MAD = 1.4826
-ORDERS, ALIKE = (4, 6, 8), 1.2
-"""Orders of differences, and by how much what they tell of noise may differ."""
+ALIKE = 1.2
+"""By how much what differences of several orders tell of noise may differ."""
 BINS = 6
 """Groups of rows of like speed."""
 ROWS = 40
@@ -63,7 +62,7 @@ def _growth(times: list[Array], values: list[Array], order: int) -> tuple[float,
     groups = [g for g in np.array_split(np.argsort(square), BINS) if g.size >= ROWS]
     if len(groups) < BINS:
         return None
-    variance = np.array([(_MAD * np.median(np.abs(d[g]))) ** 2 for g in groups])
+    variance = np.array([(MAD * np.median(np.abs(d[g]))) ** 2 for g in groups])
     at = np.array([square[g].mean() for g in groups])
     # a quantised encoder has no noise at rest
     if variance.min() < RESTING * variance.max() or np.ptp(at) <= 0:

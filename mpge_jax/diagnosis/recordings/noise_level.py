@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 Array = np.ndarray
-_MAD = 1.4826
+MAD = 1.4826
+"""Standard deviations of a normal variable in its median absolute one."""
+ORDERS = (4, 6, 8)
+"""Orders of the differences that noise is told by."""
 MIN_ROWS = 12
 HALVINGS = 30
+"""Steps of the bisection that tells noise at rest from that of stamps."""
 STILL = 50
 """Rows for each change of a signal from which on it counts as resting."""
 COARSE = 0.02
@@ -46,15 +50,15 @@ def noise_level(time: Array, value: Array, stamp: float = 0.0) -> float:
     if value.size < MIN_ROWS:
         return float("nan")
     levels = []
-    for order in (4, 6, 8):
+    for order in ORDERS:
         d = np.abs(difference_noise(time, value, order))
         if stamp:
             d = _at_rest(d[1:-1], stamp * speed_around(time, value, order))
-        levels.append(_MAD * float(np.median(d)))
+        levels.append(MAD * float(np.median(d)))
         moving = d[d > 0]
         if moving.size > 0.2 * d.size:
             # long rests of a quantised encoder must not hide the noise of the moving parts
-            levels[-1] = max(levels[-1], 0.5 * _MAD * float(np.median(moving)))
+            levels[-1] = max(levels[-1], 0.5 * MAD * float(np.median(moving)))
     least = min(levels)
     return float(np.mean([x for x in levels if x <= 1.15 * least]))
 
@@ -62,10 +66,10 @@ def noise_level(time: Array, value: Array, stamp: float = 0.0) -> float:
 def _at_rest(d: Array, moved: Array) -> Array:
     """Differences [N] as they would be of a machine at rest, where its motion `moved` [N] within the deviation of a
     time stamp adds to their noise."""
-    low, high = 0.0, _MAD * float(np.median(d))
+    low, high = 0.0, MAD * float(np.median(d))
     for _ in range(HALVINGS):
         level = 0.5 * (low + high)
-        more = _MAD * float(np.median(d / np.maximum(np.hypot(level, moved), 1e-300))) > 1.0
+        more = MAD * float(np.median(d / np.maximum(np.hypot(level, moved), 1e-300))) > 1.0
         low, high = (level, high) if more else (low, level)
     return d * high / np.maximum(np.hypot(high, moved), 1e-300)
 

@@ -57,7 +57,7 @@ def test_what_goes_is_missed_by_all_windows_but_for_what_fitting_gains(null, tra
     more = Scored(fitted(s, {COULOMB: [0.1], ARMATURE: [0.001]}), np.ones(40), np.ones(20), 2, 2)
     less = Scored(fitted(s, {COULOMB: [0.1]}), np.full(40, 1.0 + train), np.full(20, 1.0 + held), 1, 1)
     assert missed(more, less) == is_missed
-    # a gain of half the windows' share does not tell by those alone that nothing was fitted to
+    # those windows alone that nothing was fitted to tell too little
     assert not needed(more, less)
 
 

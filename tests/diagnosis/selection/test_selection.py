@@ -36,6 +36,15 @@ def _search(p):
     return build_search(p, lambda _text: None, p.config.decide_s)
 
 
+def _losses_seeing_past(s, changes, kind: str) -> list[float]:
+    """What the model as given leaves of held-out windows, whitened past all `changes` and past those but one kind."""
+    nothing, losses = Run(NOTHING.hypothesis, NOTHING.theta), []
+    for nuisance in (changes, {k: x for k, x in changes.items() if k != kind}):
+        white = whitener(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held, s.noise, nuisance, temper=False)
+        losses.append(robust_loss(white.excess(white(s.sim.residuals([nothing], s.held))[0])).mean())
+    return losses
+
+
 def test_reclipped_bias_over_a_timeline_equals_its_steps():
     effect = REGISTRY["actuator_bias:reclipped"]
     ctx = nominal_context(mujoco.MjModel.from_xml_string(PENDULUM))
@@ -212,12 +221,8 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
     stiff = FINE_ARM.replace('kp="8" kv="0.4"', 'kp="60" kv="1.5"')
     explicit = stiff.replace('"implicitfast"', '"Euler"').replace('"0.002"', '"0.004"')
     s = _search(prepared_of(stiff, record(explicit, 0.8, noise=3e-6)))
-    nothing = Run(NOTHING.hypothesis, NOTHING.theta)
     changes = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held)
-    losses = []
-    for nuisance in (changes, {k: x for k, x in changes.items() if k != INTEGRATOR}):
-        white = whitener(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held, s.noise, nuisance, temper=False)
-        losses.append(robust_loss(white.excess(white(s.sim.residuals([nothing], s.held))[0])).mean())
+    losses = _losses_seeing_past(s, changes, INTEGRATOR)
     assert losses[0] < 1.1 < 1.4 < losses[1]
     assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
 
@@ -227,10 +232,7 @@ def test_given_friction_that_holds_where_mujocos_creeps_is_no_physics():
     p = prepared_of(rubs, record(rubs, [1.0, 0.8], change=lambda m: really_sticks(m, 0), noise=1e-5))
     s = _search(p)
     changes = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held)
-    nothing, losses = Run(NOTHING.hypothesis, NOTHING.theta), []
-    for nuisance in (changes, {k: x for k, x in changes.items() if k != HOLDING}):
-        white = whitener(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held, s.noise, nuisance, temper=False)
-        losses.append(robust_loss(white.excess(white(s.sim.residuals([nothing], s.held))[0])).mean())
+    losses = _losses_seeing_past(s, changes, HOLDING)
     assert losses[0] < 1.2 < 2.0 < losses[1]
     # the engine's own friction that holds is as the machine's
     amounts, told = numerics_seen(p, NOTHING)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.machine.model import Names
-from mpge_jax.diagnosis.recordings.noise_level import quantum
+from mpge_jax.diagnosis.recordings.noise_level import MAD, quantum
 from mpge_jax.diagnosis.recordings.recording import Recording, quaternion_columns
 
 Array = np.ndarray
@@ -26,7 +26,6 @@ MOST = 0.02
 STEPS = 3.0
 """Part of an encoder's step that counts as a usual miss at least."""
 FEWEST_ROWS = 12
-_MAD = 1.4826
 
 
 def without_stray_readings(r: Recording, model: mujoco.MjModel, names: Names) -> Recording:
@@ -66,7 +65,7 @@ def stray_rows(time: Array, value: Array) -> Array:
     for _ in range(int(MOST * value.size) + 1):
         missed = _missed(weights, value)
         size = np.abs(missed) / noise
-        usual = np.maximum(_around(size), _MAD * np.median(size[REACH:-REACH]))
+        usual = np.maximum(_around(size), MAD * np.median(size[REACH:-REACH]))
         usual = np.maximum(usual, max(step / STEPS, np.spacing(np.abs(value).max(initial=1.0))))
         around = _near(missed / noise)
         explained = np.einsum("tk,tk->t", pattern, around)
@@ -115,7 +114,7 @@ def _around(size: Array) -> Array:
     """Median [T] over the rows around each, those that it moves itself left out."""
     offsets = np.concatenate([np.arange(-NEAR, -REACH), np.arange(REACH + 1, NEAR + 1)])
     rows = np.clip(np.arange(size.size)[:, None] + offsets, REACH, size.size - REACH - 1)
-    return _MAD * np.median(size[rows], axis=1)
+    return MAD * np.median(size[rows], axis=1)
 
 
 def _beyond_neighbours(value: Array) -> Array:
