@@ -34,6 +34,21 @@ BOX = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <actuator><motor name="push" joint="x"/></actuator></mujoco>"""
 
 
+FOUR_BAR = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+<body name="left"><joint name="crank" axis="0 1 0" damping="0.05" armature="0.01"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.2" size=".02" mass=".5" contype="0" conaffinity="0"/>
+<body name="middle" pos="0 0 -.2"><joint name="rod" axis="0 1 0" damping="0.01"/>
+<geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass=".4" contype="0" conaffinity="0"/>
+<site name="tip" pos=".3 0 0"/></body></body>
+<body name="right" pos=".3 0 0"><joint name="rocker" axis="0 1 0" damping="0.02"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.2" size=".02" mass=".5" contype="0" conaffinity="0"/>
+<site name="end" pos="0 0 -.2"/></body>
+<body name="beside" pos="1 0 0"><joint name="alone" axis="0 1 0" damping="0.02"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.2" size=".02" mass=".5" contype="0" conaffinity="0"/></body></worldbody>
+<equality><connect site1="tip" site2="end" solref=".004 1"/></equality>
+<actuator><motor name="crank_motor" joint="crank"/></actuator></mujoco>"""
+"""A loop of three joints, and a pendulum that nothing couples to it."""
+
 ROTORS = """<mujoco><worldbody><body name="drone"><joint name="x" type="slide" axis="1 0 0"/>
 <joint name="z" type="slide" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
 <geom type="box" size=".2 .05 .02" mass="0.8"/><site name="left" pos="-.2 0 0"/><site name="right" pos=".2 0 0"/></body>

@@ -48,8 +48,8 @@ class Samples:
     """Smoothed states with the generalised force that the nominal model lacks there.
 
     Attributes:
-        q: [S, nq]. v: [S, nv]. residual: [S, nv] force, less what forces in contacts could be, which nobody measured.
-        share: [S, nv] of a force on one degree of freedom that is left in `residual` there: 1 without contacts.
+        q: [S, nq]. v: [S, nv]. residual: [S, nv] force, less what forces in contacts and loops could be, which nobody
+        measured. share: [S, nv] of a force on one degree of freedom that is left in `residual` there: 1 without these.
     """
 
     q: np.ndarray

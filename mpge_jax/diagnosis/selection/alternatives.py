@@ -14,11 +14,11 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, evaluate, fit, slopes_of
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, starts_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener
+from mpge_jax.diagnosis.evidence.joints_of_place import first_joints, next_to
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, odds
 from mpge_jax.diagnosis.evidence.rigid_equivalence import same_body
 from mpge_jax.diagnosis.evidence.same_in_principle import same
 from mpge_jax.diagnosis.evidence.scored import Rival, Scored, evidence, hopeful
-from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.selection.competition import KEEP_OF_MANY
 from mpge_jax.diagnosis.selection.criteria import named, needed
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -53,7 +53,7 @@ def find_rivals(
     weighed: Mapping[Term, list[Rival]] = NOTHING_WEIGHED,
 ) -> dict[Term, list[Rival]]:
     """Rivals of every term, nearest first. Beside many effects, only what acts at the same joint is weighed against
-    each: what acts elsewhere was compared while they were chosen.
+    each, and the same effect at the next body: what acts elsewhere was compared while they were chosen.
 
     Args:
         best: the chosen fit, scored under `whites`. known: fits of single effects from the search, reused where
@@ -77,8 +77,7 @@ def find_rivals(
         # Screened anew: the search drops what looks like a better one of its group, as a rival does.
         candidates = [t for t in s.terms if t.effect.named and not _same(t, term) and compatible(base_h, t)]
         if many:
-            here = _joints(ctx, term.place)
-            candidates = [t for t in candidates if here & _joints(ctx, t.place) or same(ctx, term, t)]
+            candidates = [t for t in candidates if _near(ctx, term, t)]
         beside = slopes_of(s.sim, base, *sample)
         screened = s.screened(base, sample, candidates, beside)
         fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
@@ -108,6 +107,13 @@ def find_rivals(
     return out
 
 
+def _near(ctx: Context, term: Term, other: Term) -> bool:
+    """Whether two terms act at the same joint, or are alike at bodies that are next to each other, or in principle."""
+    m = ctx.model
+    here = first_joints(m, term.place) & first_joints(m, other.place)
+    return bool(here) or next_to(m, term, other) or same(ctx, term, other)
+
+
 def unaffected(
     s: Search, rivals: Mapping[Term, list[Rival]], old: Hypothesis, new: Hypothesis
 ) -> dict[Term, list[Rival]]:
@@ -116,12 +122,12 @@ def unaffected(
     if not (s.brief(old) and s.brief(new)):
         return {}
     changed = set(old.terms) ^ set(new.terms)
-    joints = set[int]().union(*(_joints(s.sim.ctx, t.place) for t in changed))
+    joints = set[int]().union(*(first_joints(s.sim.ctx.model, t.place) for t in changed))
     return {
         t: its
         for t, its in rivals.items()
         if t in new.terms
-        and not (joints & _joints(s.sim.ctx, t.place))
+        and not (joints & first_joints(s.sim.ctx.model, t.place))
         and not any(r.tied or r.better for r in its)
     }
 
@@ -180,8 +186,8 @@ def _richer(
 
 def _pushed(ctx: Context, h: Hypothesis, term: Term) -> bool:
     """Whether a bias acts at a joint that rubs: the two may be friction that differs by direction."""
-    here = _joints(ctx, term.place)
-    return any(t.name == "actuator_bias" and _joints(ctx, t.place) == here for t in h.terms)
+    here = first_joints(ctx.model, term.place)
+    return any(t.name == "actuator_bias" and first_joints(ctx.model, t.place) == here for t in h.terms)
 
 
 def _same(a: Term, b: Term) -> bool:
@@ -195,21 +201,6 @@ def _contains(f: Fitted, without: Hypothesis, term: Term) -> bool:
     return any(
         t.place == term.place and t.id in special for t in f.hypothesis.terms if t not in without.terms
     )
-
-
-def _joints(ctx: Context, place: Place) -> set[int]:
-    """Joints at which something at `place` acts first; all, where that is not one joint's or one body's matter."""
-    m = ctx.model
-    if place.kind == "joint":
-        return {place.index}
-    if place.kind == "actuator":
-        direct = is_joint_transmission(m, place.index)
-        return {int(m.actuator_trnid[place.index, 0])} if direct else set(range(m.njnt))
-    if place.kind == "world":
-        return set(range(m.njnt))
-    body = int(m.body_weldid[int(m.geom_bodyid[place.index]) if place.kind == "geom" else place.index])
-    first = int(m.body_jntadr[body])
-    return set(range(first, first + int(m.body_jntnum[body]))) or set(range(m.njnt))
 
 
 def better_rival(rivals: dict[Term, list[Rival]]) -> Rival | None:

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context, Samples, nominal_context
+from mpge_jax.diagnosis.machine.constraints import free_of_constraints, without_loops
 from mpge_jax.diagnosis.machine.contact_pairs import touching_pairs
 from mpge_jax.diagnosis.machine.model import Names, is_scalar, moments
 from mpge_jax.diagnosis.simulation.actuator_state import activations
@@ -27,7 +28,7 @@ def inverse_samples(
         samples; needed [S, nv] force that the motion needs; actuator forces [S, nu]; accelerations [S, nv];
         speeds [S, nbody] of the bodies' centres of mass.
     """
-    data = mujoco.MjData(model)
+    data, apart = mujoco.MjData(model), without_loops(model)
     total = sum(max(s.recording.time.size - 2, 0) for s in sources)
     stride = max(1, total // limit)
     q, v, a, residual, share, needed, drive, speed = [], [], [], [], [], [], [], []
@@ -41,14 +42,16 @@ def inverse_samples(
             data.ctrl[:] = 0.5 * (s.command[row] + s.command[max(row - 1, 0)])
             if model.na:
                 data.act[:] = held[row]
-            mujoco.mj_inverse(model, data)
+            mujoco.mj_fwdPosition(model, data)
+            free = free_of_constraints(model, data)
+            # noise in how far a loop seems open would make forces that nothing makes
+            mujoco.mj_inverse(apart, data)
             mujoco.mj_fwdActuation(model, data)
             q.append(data.qpos.copy())
             v.append(data.qvel.copy())
             a.append(data.qacc.copy())
             needed.append(data.qfrc_inverse.copy())
             drive.append(data.actuator_force.copy())
-            free = _beside_contacts(model, data)
             residual.append(free @ (data.qfrc_inverse - data.qfrc_actuator))
             share.append(np.diag(free))
             arm = data.xipos - data.subtree_com[model.body_rootid]
@@ -66,28 +69,6 @@ def inverse_samples(
         np.array(a).reshape(len(a), model.nv),
         np.array(speed).reshape(len(speed), model.nbody),
     )
-
-
-def _beside_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Projector [nv, nv] of generalised forces onto those that no forces in the present contacts make. Forces on single
-    degrees of freedom are alike where their work on them at rest is (f^2 / M)."""
-    kind = mujoco.mjtConstraint
-    touching = np.isin(
-        data.efc_type[: data.nefc],
-        (kind.mjCNSTR_CONTACT_FRICTIONLESS, kind.mjCNSTR_CONTACT_PYRAMIDAL, kind.mjCNSTR_CONTACT_ELLIPTIC),
-    )
-    if not touching.any():
-        return np.eye(model.nv)
-    jacobian = np.zeros((data.nefc, model.nv))
-    if mujoco.mj_isSparse(model):
-        mujoco.mju_sparse2dense(jacobian, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
-    else:
-        jacobian[:] = data.efc_J.reshape(-1, model.nv)[: data.nefc]
-    jacobian = jacobian[touching]
-    weight = 1.0 / np.sqrt(model.dof_M0)
-    basis, singular, _ = np.linalg.svd((jacobian * weight).T, full_matrices=False)
-    basis = basis[:, singular > 1e-6 * singular.max(initial=0.0)]
-    return np.eye(model.nv) - (basis @ basis.T) * weight[None, :] / weight[:, None]
 
 
 def _rms(x: Array, floor: float) -> Array:

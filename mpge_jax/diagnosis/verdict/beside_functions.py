@@ -9,13 +9,13 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, error_drops, fit_report, left_out
+from mpge_jax.diagnosis.evidence.joints_of_place import acted_on
 from mpge_jax.diagnosis.residual.model import ResidualModel, with_residual
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.selection.confirmation import refitted
 from mpge_jax.diagnosis.selection.procedure import Decision, with_fewer
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import REMAINS
-from mpge_jax.diagnosis.verdict.part_of_unknown import acted_on
 
 HARM = "beside the force that nobody named, recordings are predicted no better with it"
 

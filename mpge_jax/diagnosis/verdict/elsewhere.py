@@ -2,7 +2,8 @@
 
 What has no name falsifies what is told of all joints that it moves. Where their own motion is told beside the recorded
 one of its joint it need not be known: they feel that joint's position, speed and acceleration, and nothing else of it.
-Joints that it does not move are told as well already: those of other kinematic trees move as recorded too.
+Joints of a loop do not: they are forced by it, noise included. Joints that it does not move are told as well already:
+those of other kinematic trees move as recorded too.
 """
 
 from __future__ import annotations
@@ -17,13 +18,15 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.held_out_error import left_out
+from mpge_jax.diagnosis.evidence.joints_of_place import acted_on
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
+from mpge_jax.diagnosis.machine.constraints import coupled
 from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.selection.confirmation import refitted
 from mpge_jax.diagnosis.selection.procedure import Decision, decide, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
-from mpge_jax.diagnosis.verdict.part_of_unknown import acted_on, joints_at
+from mpge_jax.diagnosis.verdict.part_of_unknown import joints_at
 
 TRIES = 2
 """Joints, at most, at which something may act that has no name: those where most is left."""
@@ -41,7 +44,10 @@ def elsewhere(
     """
     if p.ctx.contacts:
         return None
-    joints = dict.fromkeys(j for name in at for j in joints_at(p, name) if is_scalar(p.model, j))
+    together = coupled(p.model)[p.model.jnt_dofadr]
+    joints = dict.fromkeys(
+        j for name in at for j in joints_at(p, name) if is_scalar(p.model, j) and not together[j]
+    )
     for joint in list(joints)[:TRIES]:
         held = _with_those_it_does_not_move(p.model, joint)
         if len(held) == p.model.njnt:

@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
+from mpge_jax.diagnosis.evidence.joints_of_place import acted_on
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, odds
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.balance import Balance
@@ -21,7 +22,7 @@ from mpge_jax.diagnosis.machine.model import is_joint_transmission
 from mpge_jax.diagnosis.residual.forces import residual_of_forces
 from mpge_jax.diagnosis.thresholds import SLIGHT
 from mpge_jax.diagnosis.verdict.force_confirmation import confirmed, without
-from mpge_jax.diagnosis.verdict.part_of_unknown import acted_on, doubtful, left_beside
+from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_beside
 from mpge_jax.diagnosis.verdict.remainder_description import in_words
 from mpge_jax.diagnosis.verdict.result import Result
 

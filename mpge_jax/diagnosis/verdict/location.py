@@ -10,9 +10,9 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.missing_force import active_dofs, excess_by_dof
 from mpge_jax.diagnosis.estimation.whitening import whitener
+from mpge_jax.diagnosis.evidence.joints_of_place import acted_on
 from mpge_jax.diagnosis.machine.model import floating_base_joints
 from mpge_jax.diagnosis.selection.search_state import Search
-from mpge_jax.diagnosis.verdict.part_of_unknown import acted_on
 from mpge_jax.diagnosis.verdict.result import Result, candidates_of
 
 

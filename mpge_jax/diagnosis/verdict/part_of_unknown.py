@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -18,32 +17,12 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without
-from mpge_jax.diagnosis.machine.model import moments
+from mpge_jax.diagnosis.evidence.joints_of_place import acted_on
 from mpge_jax.diagnosis.thresholds import SLIGHT
 
 Array = np.ndarray
 UNKNOWN = "unexplained"
 """Identifier, among candidates, of what has no name."""
-
-
-def acted_on(model: mujoco.MjModel, place: Place) -> list[int]:
-    """Joints on which a place acts: a joint's own, those of an actuator, those that carry a body or a geom, or all."""
-    if place.kind == "joint":
-        return [place.index]
-    if place.kind == "actuator":
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        dofs = np.flatnonzero(moments(model, data)[place.index])
-        return sorted({int(model.dof_jntid[dof]) for dof in dofs})
-    if place.kind == "world":
-        return list(range(model.njnt))
-    body = place.index if place.kind == "body" else int(model.geom_bodyid[place.index])
-    out: list[int] = []
-    while body:
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        out += range(first, first + count)
-        body = int(model.body_parentid[body])
-    return sorted(out)
 
 
 @dataclass(frozen=True)

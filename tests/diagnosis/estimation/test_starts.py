@@ -26,9 +26,8 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import MANY_STEPS, Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.remembered import Remembered
-from mpge_jax.diagnosis.simulation.scales import _beside_contacts
 from mpge_jax.diagnosis.simulation.windows import cut
-from tests.diagnosis.machines import BOX, FINE_ARM, FINE_PENDULUM, excitation, record
+from tests.diagnosis.machines import BOX, FINE_PENDULUM, excitation, record
 from tests.diagnosis.searches import COULOMB, DAMPING, search_of
 
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
@@ -166,37 +165,6 @@ def test_a_delay_within_a_period_is_found_in_coarse_steps_too(timestep):
     np.testing.assert_allclose(delay.effect.starts(dense, MOTOR)[:, 0], [0.0015, 0.0035, 0.0095])
     (found,) = screen(s.sim, NOTHING, [delay], *s.sample(NOTHING, s.whiten_one(NOTHING, s.train)))
     assert found.theta[0] == pytest.approx(late, abs=0.004)
-
-
-def test_what_contacts_could_be_is_no_missing_force():
-    model = mujoco.MjModel.from_xml_string(BOX)
-    data = mujoco.MjData(model)
-    data.qpos[1] = 0.5
-    mujoco.mj_forward(model, data)
-    np.testing.assert_array_equal(_beside_contacts(model, data), np.eye(2))
-    data.qpos[1] = -1e-4
-    mujoco.mj_forward(model, data)
-    # the floor can push the box up and along
-    np.testing.assert_allclose(_beside_contacts(model, data), 0.0, atol=1e-9)
-    leg = FINE_ARM.replace(
-        "<worldbody>", '<worldbody><geom name="floor" type="plane" size="5 5 1" pos="0 0 -.5"/>'
-    )
-    leg = leg.replace('fromto="0 0 0 0 0 -.25" size=".025" mass=".6" contype="0" conaffinity="0"',
-                      'fromto="0 0 0 0 0 -.25" size=".025" mass=".6"')  # fmt: skip
-    for jacobian in ("dense", "sparse"):
-        model = mujoco.MjModel.from_xml_string(
-            leg.replace('integrator="implicitfast"', f'integrator="implicitfast" jacobian="{jacobian}"')
-        )
-        data = mujoco.MjData(model)
-        data.qpos[:] = [0.5, -0.6]
-        mujoco.mj_forward(model, data)
-        assert data.ncon
-        free = _beside_contacts(model, data)
-        jac = np.zeros((3, 2))
-        mujoco.mj_jac(model, data, jac, None, data.contact[0].pos, 2)
-        toward = jac.T @ np.array([0.0, 0.0, 1.0])
-        np.testing.assert_allclose(free @ toward, 0.0, atol=1e-9)
-        np.testing.assert_allclose(free @ free, free, atol=1e-9)
 
 
 def test_slopes_are_simulated_where_the_best_starts_are():

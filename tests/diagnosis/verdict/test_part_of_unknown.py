@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function
 from mpge_jax.diagnosis.verdict import judgement
-from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, acted_on, doubtful, left_beside, matters
+from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, doubtful, left_beside, matters
 from tests.diagnosis.machines import ARM, FLYER, record
 
 MODEL = mujoco.MjModel.from_xml_string(ARM)
@@ -30,13 +30,6 @@ WITHOUT = {
     SPRING: np.array([4.0, 0.5]),
 }  # fmt: skip
 AFTER, EACH = np.array([0.1, 0.5]), [[0], [1]]
-
-
-def test_a_place_acts_on_its_own_joints():
-    assert acted_on(MODEL, SHOULDER) == [0] and acted_on(MODEL, SERVO) == [1]
-    # a body is carried by all joints up to the world, a geom goes by its body
-    assert acted_on(MODEL, FORE) == [0, 1] and acted_on(MODEL, Place("geom", "", 0)) == [0]
-    assert acted_on(MODEL, Place("world", "world", 0)) == [0, 1]
 
 
 def test_what_is_left_counts_there_and_where_an_effect_acts():
