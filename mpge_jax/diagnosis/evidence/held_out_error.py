@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import NO_AMOUNTS, Errors, errors, noise_floor
 from mpge_jax.diagnosis.evidence.null_distribution import force_noise
+from mpge_jax.diagnosis.machine.joint_space import difference
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import MEANS_SOMETHING
@@ -29,7 +30,8 @@ class FitReport:
 
     Attributes:
         floors: [W] rms error that noise alone leaves in each window, and what is no missing physics either
-            (`beside`). floor: the same over all of them. amounts: of `numerics` that predictions have here.
+            (`beside`). floor: the same over all of them. moved: [nv] rms by which the machine moves from where a window
+            starts: the error of who predicts no motion. amounts: of `numerics` that predictions have here.
     """
 
     windows: Windows
@@ -37,6 +39,7 @@ class FitReport:
     after: Errors
     floors: Array
     floor: float
+    moved: Array
     amounts: Mapping[str, float] = field(default_factory=dict)
 
     def above(self, ratio: float) -> FitReport:
@@ -49,13 +52,14 @@ class FitReport:
         return replace(self, floors=np.sqrt(each), floor=float(np.sqrt(self.floor**2 + square.mean())))
 
     def left(self, rugged: bool) -> float:
-        """Share of the error (rms beyond noise) that is left, between 0 and 1.
+        """Share of the error (rms beyond noise) that is left, between 0 and 1: of that of the model as given, or of who
+        predicts no motion at joints where that is less. What flies away without an effect makes any rest seem slight.
 
         Args:
             rugged: whether things strike each other. A few windows with impacts then hold all of the error and of the
                 noise: what is left in the usual one counts too, where the noise does not hide what it missed.
         """
-        share = _share(self.after.rms, self.before.rms, self.floor)
+        share = _share(self.after.rms, min(self.before.rms, self._least), self.floor)
         if rugged and self.floors.size:
             after, before, floor = (
                 float(np.median(x)) for x in (self.after.window, self.before.window, self.floors)
@@ -63,6 +67,19 @@ class FitReport:
             if before > MEANS_SOMETHING * floor:
                 share = max(share, _share(after, before, floor))
         return min(share, 1.0)
+
+    @property
+    def flies_away(self) -> bool:
+        """Whether predicting no motion at some joints is better than the model as given by far."""
+        return bool(self._least < 0.5 * self.before.rms)
+
+    @property
+    def _least(self) -> float:
+        return float(np.sqrt(np.nanmean(self.no_more_than_moved(self.before.joint) ** 2)))
+
+    def no_more_than_moved(self, joint: Array) -> Array:
+        """Errors [nv], or those of who predicts no motion where these are less."""
+        return np.minimum(joint, self.moved)
 
 
 def _share(after: float, before: float, floor: float) -> float:
@@ -81,7 +98,16 @@ def fit_report(p: Prepared, f: Fitted, part: Part, amounts: Mapping[str, float] 
     before = errors(p.sim, NOTHING, w, p.noise, amounts)
     after = errors(p.sim, f, w, p.noise, amounts) if f.hypothesis.terms else before
     variance = noise_floor(p.sim, f, w, p.noise, force_noise(p))
-    return FitReport(w, before, after, np.sqrt(variance), float(np.sqrt(variance.mean())), amounts)
+    each, whole = np.sqrt(variance), float(np.sqrt(variance.mean()))
+    return FitReport(w, before, after, each, whole, _moved(p, w), amounts)
+
+
+def _moved(p: Prepared, w: Windows) -> Array:
+    """Rms [nv] by which positions differ from those at the start of their window (NaN where unmeasured)."""
+    away = np.where(w.seen[..., None], difference(p.model, w.q0[:, None], w.qpos), np.nan)
+    seen = np.isfinite(away)
+    square = np.where(seen, away, 0.0) ** 2
+    return np.sqrt(np.where(seen.any((0, 1)), square.sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1), np.nan))
 
 
 def error_drops(p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term]) -> dict[Term, float]:

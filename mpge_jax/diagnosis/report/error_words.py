@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
+from mpge_jax.diagnosis.verdict.remainder_description import MOTION_ITSELF
 from mpge_jax.diagnosis.verdict.result import Result, before_after_noise
 
 OVERESTIMATED = 1.5
@@ -74,6 +78,16 @@ def times(before: float, after: float) -> str:
     """By how much an error became smaller or larger: '12 times'."""
     ratio = max(before, after) / max(min(before, after), 1e-300)
     return "more than 1000 times" if ratio > 1000 else f"{ratio:.3g} times"
+
+
+def makes_up(unexplained: Mapping[str, Any]) -> str:
+    """How much something is that has no name."""
+    share, of = percent(unexplained["share"]), unexplained["of"]
+    if of == MOTION_ITSELF:
+        return (
+            f"It makes up {share} of the squared motion, by far more than which the model as given misses it."
+        )
+    return f"It makes up {share} of the squared error of the {of} that the model as given predicts."
 
 
 def percent(share: float) -> str:

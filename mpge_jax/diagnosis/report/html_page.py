@@ -9,7 +9,7 @@ from typing import Any
 
 from mpge_jax.diagnosis.estimation.quantities import intervals, quantity
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
-from mpge_jax.diagnosis.report.error_words import beside_noise, percent, times, unit_of_joint
+from mpge_jax.diagnosis.report.error_words import beside_noise, makes_up, times, unit_of_joint
 from mpge_jax.diagnosis.report.html_sections import (
     close,
     given,
@@ -141,9 +141,8 @@ def _unexplained(d: Result) -> str:
     hidden = {r.name: r.origin - r.shown_origin for r in recordings}
     rows = [[escape(n), *(f"{t - hidden[n]:.2f}" for t in (a, b))] for n, a, b in u["intervals"]]
     return (
-        f"<h2>What nothing explains</h2><p>At {escape(' and '.join(u['at']))}: {escape(u['when'])}. It makes up "
-        f"{percent(u['share'])} of the squared error of the {u['of']} that the model as given predicts. Look at "
-        "these moments:</p>" + table_of(["recording", "from (s)", "to (s)"], rows)
+        f"<h2>What nothing explains</h2><p>At {escape(' and '.join(u['at']))}: {escape(u['when'])}. {makes_up(u)} Look "
+        "at these moments:</p>" + table_of(["recording", "from (s)", "to (s)"], rows)
     )
 
 

@@ -15,6 +15,7 @@ from mpge_jax.diagnosis.report.error_words import (
     beyond_noise,
     error_unit,
     gain,
+    makes_up,
     moves,
     percent,
     untold,
@@ -106,10 +107,7 @@ def explanation(d: Result) -> str:
         said = f"{known} acts at the {where} that no known effect explains: {d.unexplained['when']}."
         # of an error of which nothing is explained, all of it says nothing
         if parts:
-            said += (
-                f" It makes up {percent(d.unexplained['share'])} of the squared error of the "
-                f"{d.unexplained['of']} that the model as given predicts."
-            )
+            said += " " + makes_up(d.unexplained)
         parts.append(said + _doubt(d))
     if d.residual is not None:
         parts.append(_residual(d.residual, error_unit(d)))

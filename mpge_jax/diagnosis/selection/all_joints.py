@@ -40,23 +40,13 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     # where a motor bounces in its gap, the rest is more than noise though nothing is missing
     if current.hypothesis.rugged or at_noise(s, current, s.whiten_one(current, s.train)):
         return current
-    joints = [*(_with_all(s, current, keep) for keep in (False, True)), _with_all_laws(s, current)]
-    drives = [_with_every_drive(s, current, (effect,)) for effect in IN_EVERY_DRIVE]
-    starts = [f for f in (*joints, *drives) if f is not None]
-    if not starts:
+    white = s.whiten_one(current, s.train)
+    fits = _by_forces(s, white)
+    if not _any_at_noise(s, fits):
+        fits += _together(s, current, white)
+    if not fits:
         return current
     s.looked = True
-    s.say("trying friction, damping and rotor inertia in every joint, and what drives have in common")
-    white = s.whiten_one(current, s.train)
-    fits = fit(s.sim, starts, s.train, white, iterations=8)
-    if not any(at_noise(s, f, s.whiten_one(f, s.train)) for f in fits):
-        both = [_with_every_drive(s, joints[0] or current, effects) for effects in LATE_AND_WEAK]
-        better = sorted((f for f in both if f is not None), key=lambda f: f.loss)[:1]
-        fits += fit(s.sim, better, s.train, white, iterations=8) if better else []
-        fits[0] = _with_load(s, fits[0], white)
-        # where every joint lacks something, the masses were hardly weighed either
-        free = with_given(s, fits[0])
-        fits += [] if free is None else fit(s.sim, [free], s.train, white, iterations=8)
     # fewer of them explain less than all do, which may not be at their best yet: half the way must be done
     most = 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
     fits = _all_thinned(s, [f for f in fits if usual_excess(f.loss) < most])
@@ -75,6 +65,40 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     # each by itself may be weak; what nobody knows leaks into all joints, and little of it goes away by that
     now, then = (usual_excess(float(r.losses.mean())) for r in (chosen, before))
     return chosen.fit if now < REMAINS * then and needed(chosen, before) else current
+
+
+def _any_at_noise(s: Search, fits: list[Fitted]) -> bool:
+    return any(at_noise(s, f, s.whiten_one(f, s.train)) for f in fits)
+
+
+def _by_forces(s: Search, white: Whitener) -> list[Fitted]:
+    """What the forces of drives say is missing, fitted to the motion."""
+    s.say("asking what the forces of drives say is missing")
+    told = s.by_forces()
+    if told is None:
+        return []
+    told = told.of_terms(s.sim.ctx, Hypothesis.of(*(t for t in told.hypothesis.terms if t in s.terms)))
+    return fit(s.sim, [told], s.train, white, iterations=8)
+
+
+def _together(s: Search, current: Fitted, white: Whitener) -> list[Fitted]:
+    """Effects in every joint or drive on top of what is known, fitted at once."""
+    joints = [*(_with_all(s, current, keep) for keep in (False, True)), _with_all_laws(s, current)]
+    drives = [_with_every_drive(s, current, (effect,)) for effect in IN_EVERY_DRIVE]
+    starts = [f for f in (*joints, *drives) if f is not None]
+    if not starts:
+        return []
+    s.say("trying friction, damping and rotor inertia in every joint, and what drives have in common")
+    fits = fit(s.sim, starts, s.train, white, iterations=8)
+    if _any_at_noise(s, fits):
+        return fits
+    both = [_with_every_drive(s, joints[0] or current, effects) for effects in LATE_AND_WEAK]
+    better = sorted((f for f in both if f is not None), key=lambda f: f.loss)[:1]
+    fits += fit(s.sim, better, s.train, white, iterations=8) if better else []
+    fits[0] = _with_load(s, fits[0], white)
+    # where every joint lacks something, the masses were hardly weighed either
+    free = with_given(s, fits[0])
+    return fits + ([] if free is None else fit(s.sim, [free], s.train, white, iterations=8))
 
 
 def due(s: Search, current: Fitted) -> bool:

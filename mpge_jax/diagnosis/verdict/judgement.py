@@ -28,7 +28,7 @@ from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING
 from mpge_jax.diagnosis.verdict.beside_functions import without_needless
 from mpge_jax.diagnosis.verdict.location import by_joint
 from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_of_motion, matters
-from mpge_jax.diagnosis.verdict.remainder_description import describe
+from mpge_jax.diagnosis.verdict.remainder_description import MOTION_ITSELF, describe
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
@@ -111,6 +111,7 @@ def judge(
     unexplained, residual, beside = None, None, {}
     if left is not None:
         told = describe(p, left, share)
+        told |= {"of": MOTION_ITSELF} if held.flies_away else {}
         beside = left_of_motion(p, found.fit, told["at"], held)
         unexplained = told if functions or matters(share, beside) else None
     if unexplained is not None:

@@ -68,7 +68,7 @@ def left_beside(
 
 def left_of_motion(p: Prepared, f: Fitted, at: Sequence[str], report: FitReport) -> dict[Term, Beside]:
     """What is `left_beside` the effects of a fit in the windows of a report."""
-    each = {t: e.joint for t, e in errors_without(p, f, report).items()}
+    each = {t: report.no_more_than_moved(e.joint) for t, e in errors_without(p, f, report).items()}
     return left_beside(p, at, report.after.joint, each, report.floor, [[j] for j in p.model.dof_jntid])
 
 

@@ -26,6 +26,9 @@ ALONG, DIFFERENT = 0.5, 25.0
 """Share of the missing force's chi^2 that may be left, and of what any other actuator or joint would leave, where one
 actuator's force is to explain it; and by how much chi^2 it must be better than they."""
 
+MOTION_ITSELF = "motion itself"
+"""Of what something without a name is a share, where the model as given misses far more than the machine moves."""
+
 
 def _rank_correlation(a: Array, b: Array) -> float:
     if a.size < 5 or np.ptp(a) == 0 or np.ptp(b) == 0:

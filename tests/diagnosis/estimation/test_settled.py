@@ -109,13 +109,14 @@ def test_a_start_explains_no_force():
     assert (after[: odd.sum()] > 1.5).mean() > 0.7
 
 
-def _report(before: list[float], after: list[float], floor: float) -> FitReport:
+def _report(before: list[float], after: list[float], floor: float, moved: float = np.inf) -> FitReport:
     """Errors of windows of which only the sizes matter."""
     b, a = (
-        Errors(float(np.sqrt(np.mean(np.square(x)))), np.zeros(1), np.array(x), np.zeros(0))
+        Errors(rms, np.array([rms]), np.array(x), np.zeros(0))
         for x in (before, after)
+        for rms in [float(np.sqrt(np.mean(np.square(x))))]
     )
-    return FitReport(None, b, a, np.full(len(before), floor), floor)
+    return FitReport(None, b, a, np.full(len(before), floor), floor, np.array([moved]))
 
 
 def test_what_is_left_of_the_error_is_that_of_the_usual_window_too():
@@ -126,3 +127,9 @@ def test_what_is_left_of_the_error_is_that_of_the_usual_window_too():
     # where the usual window misses nothing, its share means nothing
     report = _report([1.05] * 9 + [1000.0], [1.05] * 9 + [50.0], 1.0)
     assert report.left(rugged=True) == report.left(rugged=False)
+
+
+def test_what_is_left_of_a_prediction_that_flies_away_is_compared_with_the_motion():
+    """Without what is missing a light wrist would turn a hundred times; it moves by 2 rad, of which 1 is missed."""
+    assert _report([600.0] * 9, [1.0] * 9, 0.0).left(rugged=False) == pytest.approx(1.0 / 600.0)
+    assert _report([600.0] * 9, [1.0] * 9, 0.0, moved=2.0).left(rugged=False) == pytest.approx(0.5)

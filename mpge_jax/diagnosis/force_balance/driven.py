@@ -1,0 +1,49 @@
+"""Driven machines asked as those whose motion is given: what the forces of their drives say is missing, all at once.
+
+Where forces were measured, or commands tell them, the motion that they made needs no simulation: nearly every effect is
+linear in them, and many at once are found as easily as one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.force_balance.procedure import decide
+from mpge_jax.diagnosis.machine.model import clipped, has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.simulation.drive_signal import Source
+
+
+def missing_by_forces(p: Prepared) -> Fitted | None:
+    """What the training recordings' forces say is missing; None where nobody knows them: in contacts and loops, or
+    where a drive's command does not tell its force. A place to start from: what tells motion from forces was not
+    simulated, and drives may not do as they are told."""
+    m = p.model
+    if p.ctx.contacts or m.neq or not m.nu or not all(p.measured | [_tells(m, a) for a in range(m.nu)]):
+        return None
+    told = replace(
+        p.mapped(lambda s: _told(p, s)), choice=(), measured=np.ones(m.nu, bool), warnings=list(p.warnings)
+    )
+    f = decide(told, lambda _text: None).fit
+    return replace(f, centre=f.theta) if f.hypothesis.terms else None
+
+
+def _tells(m: mujoco.MjModel, a: int) -> bool:
+    return has_plain_law(m, a) and is_joint_transmission(m, a) and m.actuator_gainprm[a, 0] != 0.0
+
+
+def _told(p: Prepared, s: Source) -> Source:
+    """A recording with what drives give by their model in place of commands, in units of these."""
+    m, command = p.model, clipped(p.model, s.command)
+    for a in np.flatnonzero(~p.measured):
+        joint, gear = int(m.actuator_trnid[a, 0]), m.actuator_gear[a, 0]
+        q = s.states.qpos[:, m.jnt_qposadr[joint]]
+        v = s.states.qvel[:, m.jnt_dofadr[joint]]
+        if m.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE:
+            position, speed = m.actuator_biasprm[a, 1:3]
+            command[:, a] += gear * (position * q + speed * v) / m.actuator_gainprm[a, 0]
+    return s.rebuilt(command=command)
