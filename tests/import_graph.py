@@ -20,7 +20,7 @@ ROOMS = (
     f"{D}.errors", f"{D}.config", f"{D}.thresholds",
     f"{D}.machine", f"{D}.recordings", f"{D}.effects", f"{D}.own_effects", f"{D}.simulation", f"{D}.estimation",
     f"{D}.dataset",
-    f"{D}.evidence", f"{D}.selection", f"{D}.measurement", f"{D}.drives", f"{D}.force_balance",
+    f"{D}.evidence", f"{D}.force_balance", f"{D}.selection", f"{D}.measurement", f"{D}.drives",
     f"{D}.residual", f"{D}.verdict",
     "mpge_jax.task_files", f"{D}.corrected", f"{D}.report", f"{D}.inspection", f"{D}.diagnosis", f"{D}.pipeline", D,
     "mpge_jax.recorded", "mpge_jax", "experiments.ending", "experiments.command_line", "experiments.runners",

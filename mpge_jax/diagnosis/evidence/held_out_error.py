@@ -75,7 +75,8 @@ class FitReport:
 
     @property
     def _least(self) -> float:
-        return float(np.sqrt(np.nanmean(self.no_more_than_moved(self.before.joint) ** 2)))
+        each = self.no_more_than_moved(self.before.joint)
+        return float(np.sqrt(np.mean(each[np.isfinite(each)] ** 2))) if np.isfinite(each).any() else np.inf
 
     def no_more_than_moved(self, joint: Array) -> Array:
         """Errors [nv], or those of who predicts no motion where these are less."""

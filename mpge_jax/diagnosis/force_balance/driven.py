@@ -19,11 +19,12 @@ from mpge_jax.diagnosis.simulation.drive_signal import Source
 
 
 def missing_by_forces(p: Prepared) -> Fitted | None:
-    """What the training recordings' forces say is missing; None where nobody knows them: in contacts and loops, or
-    where a drive's command does not tell its force. A place to start from: what tells motion from forces was not
-    simulated, and drives may not do as they are told."""
+    """What the training recordings' forces say is missing; None where nobody knows them: in contacts and loops, where
+    joints are not told themselves but guided, or where a drive's command does not tell its force. A place to start
+    from: what motion forces make was not simulated, and drives may not do as they are told."""
     m = p.model
-    if p.ctx.contacts or m.neq or not m.nu or not all(p.measured | [_tells(m, a) for a in range(m.nu)]):
+    known = p.measured | np.array([_tells(m, a) for a in range(m.nu)], bool)
+    if p.ctx.contacts or p.sim.guided or m.neq or not m.nu or not known.all():
         return None
     told = replace(
         p.mapped(lambda s: _told(p, s)), choice=(), measured=np.ones(m.nu, bool), warnings=list(p.warnings)
@@ -37,13 +38,16 @@ def _tells(m: mujoco.MjModel, a: int) -> bool:
 
 
 def _told(p: Prepared, s: Source) -> Source:
-    """A recording with what drives give by their model in place of commands, in units of these."""
+    """A recording with what drives give by their model in place of commands, in units of these. Nothing filtered it."""
     m, command = p.model, clipped(p.model, s.command)
     for a in np.flatnonzero(~p.measured):
+        # a command is held from its row to the next, and the motion at a row is that of the intervals around it
+        command[1:, a] = 0.5 * (command[1:, a] + command[:-1, a])
         joint, gear = int(m.actuator_trnid[a, 0]), m.actuator_gear[a, 0]
         q = s.states.qpos[:, m.jnt_qposadr[joint]]
         v = s.states.qvel[:, m.jnt_dofadr[joint]]
         if m.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE:
             position, speed = m.actuator_biasprm[a, 1:3]
             command[:, a] += gear * (position * q + speed * v) / m.actuator_gainprm[a, 0]
-    return s.rebuilt(command=command)
+    force = np.where(p.measured, s.recording.known("force"), np.nan)
+    return s.rebuilt(command=command, recording=replace(s.recording, force=force))

@@ -65,10 +65,11 @@ def test_damping_gives_way_to_dry_friction_and_drag():
     s = search_of(PENDULUM, record(PENDULUM, 0.8, change=change, force=force))[0]
     one = _fitted(s, {"viscous_damping@hinge": 0.08})
     found = everywhere(s, one)
+    # its drag may as well be that of the arm, whose centre moves by 0.15 m a radian
     parts = {str(t): float(x[0]) for t, x in found.hypothesis.split(s.sim.ctx, found.theta).items()}
-    assert set(parts) == {"coulomb_friction@hinge", "quadratic_drag@hinge"}
-    assert parts["coulomb_friction@hinge"] == pytest.approx(0.1, rel=0.05)
-    assert parts["quadratic_drag@hinge"] == pytest.approx(0.03, rel=0.05)
+    drag = parts.pop("quadratic_drag@hinge", None) or 0.15**3 * parts.pop("quadratic_drag@arm")
+    assert drag == pytest.approx(0.03, rel=0.05)
+    assert parts == {"coulomb_friction@hinge": pytest.approx(0.1, rel=0.05)}
     # at joints that no law was found at nothing is added
     assert all_joints._with_all_laws(s, _fitted(s, {"armature@hinge": 0.01})) is None
 

@@ -106,7 +106,7 @@ def rubs_otherwise(plain_functions):
 def test_a_detail_of_all_errors_may_be_much_beside_one_effect(rubs_otherwise):
     d, table = rubs_otherwise, rubs_otherwise.to_json()
     assert (d.verdict, d.unexplained["at"]) == ("unexplained", ["elbow"])
-    assert d.unexplained["share"] < 0.01
+    assert d.unexplained["share"] < 0.02
     assert {(e["id"], e["at"]) for e in table["effects"]} == {
         ("joint_stiffness", "shoulder"),
         ("viscous_damping", "elbow"),
