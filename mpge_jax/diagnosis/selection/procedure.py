@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inertias
@@ -145,10 +145,20 @@ def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision
 
 
 def with_fewer(p: Prepared, s: Search, found: Decision, f: Fitted) -> Decision:
-    """What was found, with a fit of fewer effects."""
-    rivals = {t: r for t, r in found.rivals.items() if t in f.hypothesis.terms}
+    """What was found, with a fit of fewer effects; what ties with one of these goes without the others too."""
+    kept = set(f.hypothesis.terms)
+    gone = set(found.fit.hypothesis.terms) - kept
+    rivals = {t: [_without(s, r, gone) for r in its] for t, its in found.rivals.items() if t in kept}
     noise, left = what_is_left(p, f, s, found.search)
     return Decision(f, rivals, noise, left, found.search)
+
+
+def _without(s: Search, rival: Rival, gone: set[Term]) -> Rival:
+    terms = rival.fit.hypothesis.terms
+    if not rival.tied or not gone.intersection(terms):
+        return rival
+    fewer = rival.fit.of_terms(s.sim.ctx, Hypothesis.of(*(t for t in terms if t not in gone)))
+    return replace(rival, fit=refitted(s, fewer))
 
 
 def _with_honest_intervals(p: Prepared, s: Search, found: Decision) -> Fitted:

@@ -9,13 +9,15 @@ import pytest
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.selection import alternatives
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals, unaffected
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
+from mpge_jax.diagnosis.selection.procedure import Decision, with_fewer
 from tests.diagnosis.machines import ARM, PENDULUM, really_sticks, record
-from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, HINGE, MOTOR, fitted, search_of
+from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, HINGE, MOTOR, fitted, search_of
 
 BIAS, BY_DIRECTION = Term("actuator_bias", MOTOR), Term("asymmetric_friction", HINGE)
 
@@ -86,3 +88,16 @@ def test_alternatives_that_stand_are_not_weighed_again(rubbing_finely, monkeypat
     stands = {COULOMB: [Rival(ARMATURE, f, 9.0, "as before")]}
     monkeypatch.setattr(s, "say", pytest.fail)
     assert find_rivals(s, s.score([f], whites)[0], whites, [], weighed=stands) == stands
+
+
+def test_what_ties_with_an_effect_goes_without_those_that_go(rubbing):
+    s, p = rubbing
+    both, other = fitted(s, {COULOMB: [0.1], GAIN: [1.0]}), fitted(s, {DAMPING: [0.1], GAIN: [1.0]})
+    rivals = [Rival(DAMPING, other, 0.5, "", tied=True), Rival(DAMPING, other, 9.0, "")]
+    found = Decision(both, {COULOMB: rivals, GAIN: []}, Floor(), None, s)
+    fewer = with_fewer(p, s, found, fitted(s, {COULOMB: [0.1]}))
+    assert list(fewer.rivals) == [COULOMB]
+    tied, worse = fewer.rivals[COULOMB]
+    assert tied.tied and tied.fit.hypothesis.terms == (DAMPING,)
+    # fitted again, and what does not tie is told as it was compared
+    assert tied.fit.theta[0] != 0.1 and worse is rivals[1]
