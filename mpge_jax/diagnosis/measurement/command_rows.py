@@ -8,7 +8,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
-from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss, whitener_beside
+from mpge_jax.diagnosis.estimation.whitening import LATE, Whitener, nuisances, robust_loss, whitener
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
 from mpge_jax.diagnosis.recordings.late_rows import a_row_earlier
 from mpge_jax.diagnosis.recordings.three_parts import Part
@@ -58,4 +58,7 @@ def _fitted(p: Prepared, f: Fitted, w: Windows) -> Fitted:
 
 
 def _white(p: Prepared, f: Fitted, w: Windows) -> Whitener:
-    return whitener_beside(p.sim, f.hypothesis, f.theta, w, p.noise)
+    """Sees past what is no physics, but for the moment of the commands: that is what is asked."""
+    h, theta = f.hypothesis, f.theta
+    other = {kind: x for kind, x in nuisances(p.sim, h, theta, w).items() if kind != LATE}
+    return whitener(p.sim, h, theta, w, p.noise, other)

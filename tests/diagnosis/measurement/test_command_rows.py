@@ -122,3 +122,11 @@ def test_commands_are_moved_once(flights):
     s = build_search(p, lambda _text: None, p.config.decide_s)
     found = Decision(fitted(s, {DRAG: [0.5]}), {}, None, None, None)
     assert MeasurementModel.without_physics(p, {}).with_moved_rows(found) is None
+
+
+@pytest.mark.parametrize(("rows", "late"), [(1, True), (0, False)])
+def test_the_moment_of_commands_is_not_seen_past_where_it_is_asked_for(rows, late):
+    """Noise of 1 mrad: the rows' ages would hide behind what searches allow commands to be late by."""
+    logs = moved(record(ARM, [1.0, 0.6], noise=1e-3, count=6), rows)
+    assert not without_previous_commands(logs, mujoco.MjModel.from_xml_string(ARM))[1]
+    assert rows_are_late(prepared_of(ARM, logs), NOTHING) == late
