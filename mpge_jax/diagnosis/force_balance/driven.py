@@ -18,14 +18,18 @@ from mpge_jax.diagnosis.machine.model import clipped, has_plain_law, is_joint_tr
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 
 
-def missing_by_forces(p: Prepared) -> Fitted | None:
-    """What the training recordings' forces say is missing; None where nobody knows them: in contacts and loops, where
-    joints are not told themselves but guided, or where a drive's command does not tell its force. A place to start
-    from: what motion forces make was not simulated, and drives may not do as they are told."""
+def forces_are_known(p: Prepared) -> bool:
+    """Whether measured forces or commands tell all that acts: not in contacts and loops, where joints are not told
+    themselves but guided, or where a drive's command does not tell its force."""
     m = p.model
     known = p.measured | np.array([_tells(m, a) for a in range(m.nu)], bool)
-    if p.ctx.contacts or p.sim.guided or m.neq or not m.nu or not known.all():
-        return None
+    return bool(m.nu and known.all()) and not (p.ctx.contacts or p.sim.guided or m.neq)
+
+
+def missing_by_forces(p: Prepared) -> Fitted | None:
+    """What the training recordings' forces say is missing, where they are known; None where that is nothing. A place to
+    start from: what motion forces make was not simulated, and drives may not do as they are told."""
+    m = p.model
     told = replace(
         p.mapped(lambda s: _told(p, s)), choice=(), measured=np.ones(m.nu, bool), warnings=list(p.warnings)
     )

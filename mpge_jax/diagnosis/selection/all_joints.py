@@ -73,6 +73,8 @@ def _any_at_noise(s: Search, fits: list[Fitted]) -> bool:
 
 def _by_forces(s: Search, white: Whitener) -> list[Fitted]:
     """What the forces of drives say is missing, fitted to the motion."""
+    if s.by_forces is None:
+        return []
     s.say("asking what the forces of drives say is missing")
     told = s.by_forces()
     if told is None:

@@ -39,7 +39,7 @@ class Search:
         there.
         looked: whether all joints were looked at together (`all_joints.everywhere`), which is done once, and again
             beside one more effect that explained as much.
-        by_forces: what the forces of drives say is missing, if anyone knows them (`missing_by_forces`).
+        by_forces: what the forces of drives say is missing (`missing_by_forces`), where they are known.
         floor: what a hypothesis would leave if it were true, by simulation; needed where noise enters otherwise than
         through start and measurements (measured forces).
     """
@@ -58,7 +58,7 @@ class Search:
     resume: Reached = field(default_factory=Reached)
     typical: int | None = None
     looked: bool = False
-    by_forces: Callable[[], Fitted | None] = lambda: None
+    by_forces: Callable[[], Fitted | None] | None = None
     floor: Callable[[Fitted], Floor] | None = None
 
     def whiten(self, around: Fitted, temper: bool = True) -> tuple[Whitener, Whitener]:

@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.estimation.whitening import whitener
 from mpge_jax.diagnosis.evidence.null_distribution import floor, force_noise
-from mpge_jax.diagnosis.force_balance.driven import missing_by_forces
+from mpge_jax.diagnosis.force_balance.driven import forces_are_known, missing_by_forces
 from mpge_jax.diagnosis.recordings.three_parts import PARTS
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
@@ -53,7 +53,7 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
         say,
         max_terms=limit,
         typical=typical,
-        by_forces=partial(missing_by_forces, p),
+        by_forces=partial(missing_by_forces, p) if forces_are_known(p) else None,
         floor=calibrated,
     )
 

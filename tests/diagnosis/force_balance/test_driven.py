@@ -11,9 +11,9 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.force_balance import driven
-from mpge_jax.diagnosis.force_balance.driven import missing_by_forces
+from mpge_jax.diagnosis.force_balance.driven import forces_are_known, missing_by_forces
 from tests.diagnosis.machines import ARM, BOX, FOUR_BAR, record
-from tests.diagnosis.searches import prepared_of, search_of
+from tests.diagnosis.searches import search_of
 
 RUBS, DAMPED, ROTOR = (
     Term("coulomb_friction", Place("joint", "elbow", 1)),
@@ -65,9 +65,9 @@ LAGS = ARM.replace(
 
 
 @pytest.mark.parametrize("xml", [BOX, FOUR_BAR, LAGS], ids=["contacts", "loop", "drive with a state"])
-def test_nobody_knows_the_forces_in_contacts_and_loops_and_of_drives_with_a_state(xml, monkeypatch):
-    monkeypatch.setattr(driven, "decide", lambda *_: pytest.fail("asked"))
-    assert missing_by_forces(prepared_of(xml, record(xml, 0.5, count=3, seconds=1.0))) is None
+def test_nobody_knows_the_forces_in_contacts_and_loops_and_of_drives_with_a_state(xml):
+    s, p = search_of(xml, record(xml, 0.5, count=3, seconds=1.0))
+    assert not forces_are_known(p) and s.by_forces is None
 
 
 def test_a_search_asks_its_own_recordings(arm):

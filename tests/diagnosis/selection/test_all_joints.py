@@ -8,14 +8,14 @@ import pytest
 
 import mpge_jax.diagnosis.selection.forward_selection as searching
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
-from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored
 from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.selection import all_joints
 from mpge_jax.diagnosis.selection.all_joints import everywhere
 from mpge_jax.diagnosis.selection.competition import at_noise
 from tests.diagnosis.machines import ARM, FINE_ARM, PENDULUM, really_sticks, record
-from tests.diagnosis.searches import search_of
+from tests.diagnosis.searches import ARMATURE, COULOMB, GAIN, fitted, search_of
 
 FRICTION, ROTOR = np.array([0.25, 0.12]), np.array([0.03, 0.02])
 
@@ -198,3 +198,16 @@ def test_what_is_weak_by_itself_stays_where_all_of_it_is_needed(monkeypatch):
         s, {**plain, "armature@shoulder": 0.03, "armature@elbow": 0.02, "viscous_damping@elbow": 1e-4}
     )
     assert set(all_joints._thinned(s, more).hypothesis.terms) == set(f.hypothesis.terms)
+
+
+def test_what_forces_say_is_enough_where_it_leaves_only_noise(rubbing, monkeypatch):
+    s, _ = rubbing
+    said = fitted(s, {COULOMB: [0.07], GAIN: [1.0]})
+    s = replace(s, by_forces=lambda: said, terms=[t for t in s.terms if t != GAIN], log=[])
+    monkeypatch.setattr(all_joints, "_together", lambda *_: pytest.fail("asked for more"))
+    found = everywhere(s, NOTHING)
+    # it is fitted to the motion, without what is no candidate
+    assert found.hypothesis.terms == (COULOMB,) and found.theta[0] == pytest.approx(0.1, rel=0.05)
+    wrong = replace(s, by_forces=lambda: fitted(s, {ARMATURE: [0.05]}), log=[])
+    monkeypatch.setattr(all_joints, "_together", lambda *_: [])
+    assert everywhere(wrong, NOTHING) is NOTHING
