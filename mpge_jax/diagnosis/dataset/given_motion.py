@@ -21,6 +21,10 @@ def motion_is_given(recordings: list[Recording], model: mujoco.MjModel, measured
     """
     if not measured.any() or any(r.ctrl is not None for r in recordings):
         return False
-    if any(r.time.size <= 2 * EDGE or np.isnan(r.qpos).any() for r in recordings):
-        return False
-    return all(is_scalar(model, j) for j in range(model.njnt))
+    return all(accelerations_are_known(r, model) for r in recordings)
+
+
+def accelerations_are_known(r: Recording, model: mujoco.MjModel) -> bool:
+    """Whether a recording holds rows away from its ends, all positions, and no joint that turns freely."""
+    whole = r.time.size > r.first_shown + 2 * EDGE and not np.isnan(r.qpos).any()
+    return bool(whole and all(is_scalar(model, j) for j in range(model.njnt)))

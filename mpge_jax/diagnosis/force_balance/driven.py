@@ -11,27 +11,37 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.dataset.given_motion import accelerations_are_known
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.force_balance.procedure import decide
 from mpge_jax.diagnosis.machine.model import clipped, has_plain_law, is_joint_transmission
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 
+ROWS = 200
+"""Rows without which a regression with so many columns says little."""
+
 
 def forces_are_known(p: Prepared) -> bool:
-    """Whether measured forces or commands tell all that acts: not in contacts and loops, where joints are not told
-    themselves but guided, or where a drive's command does not tell its force."""
+    """Whether measured forces or commands tell all that acts, along enough rows of motion: not in contacts and loops,
+    where joints are not told themselves but guided, or where a drive's command does not tell its force."""
     m = p.model
     known = p.measured | np.array([_tells(m, a) for a in range(m.nu)], bool)
-    return bool(m.nu and known.all()) and not (p.ctx.contacts or p.sim.guided or m.neq)
+    if not m.nu or not known.all() or p.ctx.contacts or p.sim.guided or m.neq:
+        return False
+    return sum(s.recording.time.size for s in _along_motion(p)) > ROWS
+
+
+def _along_motion(p: Prepared) -> tuple[Source, ...]:
+    return tuple(s for s in p.train if accelerations_are_known(s.recording, p.model))
 
 
 def missing_by_forces(p: Prepared) -> Fitted | None:
     """What the training recordings' forces say is missing, where they are known; None where that is nothing. A place to
     start from: what motion forces make was not simulated, and drives may not do as they are told."""
-    m = p.model
+    train = tuple(_told(p, s) for s in _along_motion(p))
     told = replace(
-        p.mapped(lambda s: _told(p, s)), choice=(), measured=np.ones(m.nu, bool), warnings=list(p.warnings)
+        p, train=train, choice=(), test=(), measured=np.ones(p.model.nu, bool), warnings=list(p.warnings)
     )
     f = decide(told, lambda _text: None).fit
     return replace(f, centre=f.theta) if f.hypothesis.terms else None

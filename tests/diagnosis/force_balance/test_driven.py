@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import mujoco
+import numpy as np
 import pytest
 
 from mpge_jax.diagnosis.effects.context import Place
@@ -12,6 +14,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.force_balance import driven
 from mpge_jax.diagnosis.force_balance.driven import forces_are_known, missing_by_forces
+from mpge_jax.diagnosis.simulation.drive_signal import Source
 from tests.diagnosis.machines import ARM, BOX, FOUR_BAR, record
 from tests.diagnosis.searches import search_of
 
@@ -56,6 +59,26 @@ def test_recordings_that_choose_or_test_are_not_asked(arm, monkeypatch):
     monkeypatch.setattr(driven, "decide", decided)
     assert missing_by_forces(p) is None
     assert asked == [s.recording.name for s in p.train] and len(asked) < len(p.sources)
+
+
+def test_logs_of_single_transitions_and_with_holes_are_not_asked(arm):
+    _, p = arm
+
+    def with_hole(s: Source) -> Source:
+        qpos = s.recording.qpos.copy()
+        qpos[40, 0] = np.nan
+        return replace(s, recording=replace(s.recording, qpos=qpos))
+
+    def first_rows(s: Source) -> Source:
+        r = s.recording
+        cut = {k: getattr(r, k)[:2] for k in ("time", "qpos", "ctrl")}
+        return replace(s, recording=replace(r, **cut))
+
+    assert forces_are_known(p)
+    assert not forces_are_known(p.mapped(with_hole)) and not forces_are_known(p.mapped(first_rows))
+    whole, *others = p.train
+    some = replace(p, train=(whole, *map(with_hole, others)))
+    assert forces_are_known(some) and missing_by_forces(some) is not None
 
 
 LAGS = ARM.replace(
