@@ -55,13 +55,20 @@ def errors(
     residual = sim.residuals([Run(f.hypothesis, f.theta)], w)[0][..., :nv]
     if any(amounts.values()):
         residual = residual + _numerical_moves(sim, f, w, noise, amounts)
-    square = np.clip(residual, -1e3, 1e3) ** 2
+    clipped = np.clip(residual, -1e3, 1e3)
+    square = clipped**2
     seen = np.isfinite(square)
     filled = np.where(seen, square, 0.0)
     total = np.maximum(seen.sum(), 1)
-    per_joint = np.where(seen.any((0, 1)), filled.sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1), np.nan)
     per_window = filled.sum((1, 2)) / np.maximum(seen.sum((1, 2)), 1)
-    return Errors(float(np.sqrt(filled.sum() / total)), np.sqrt(per_joint), np.sqrt(per_window), residual)
+    return Errors(float(np.sqrt(filled.sum() / total)), rms_by_joint(clipped), np.sqrt(per_window), residual)
+
+
+def rms_by_joint(x: Array) -> Array:
+    """Rms [nv] over windows and rows of something [W, N, nv] where it is finite (NaN where it never is)."""
+    seen = np.isfinite(x)
+    square = np.where(seen, x, 0.0) ** 2
+    return np.sqrt(np.where(seen.any((0, 1)), square.sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1), np.nan))
 
 
 def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Array) -> Array:

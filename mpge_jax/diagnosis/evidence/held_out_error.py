@@ -10,7 +10,13 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.prediction_error import NO_AMOUNTS, Errors, errors, noise_floor
+from mpge_jax.diagnosis.estimation.prediction_error import (
+    NO_AMOUNTS,
+    Errors,
+    errors,
+    noise_floor,
+    rms_by_joint,
+)
 from mpge_jax.diagnosis.evidence.null_distribution import force_noise
 from mpge_jax.diagnosis.machine.joint_space import difference
 from mpge_jax.diagnosis.recordings.three_parts import Part
@@ -106,9 +112,7 @@ def fit_report(p: Prepared, f: Fitted, part: Part, amounts: Mapping[str, float] 
 def _moved(p: Prepared, w: Windows) -> Array:
     """Rms [nv] by which positions differ from those at the start of their window (NaN where unmeasured)."""
     away = np.where(w.seen[..., None], difference(p.model, w.q0[:, None], w.qpos), np.nan)
-    seen = np.isfinite(away)
-    square = np.where(seen, away, 0.0) ** 2
-    return np.sqrt(np.where(seen.any((0, 1)), square.sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1), np.nan))
+    return rms_by_joint(away)
 
 
 def error_drops(p: Prepared, f: Fitted, w: Windows, terms: Sequence[Term]) -> dict[Term, float]:
