@@ -18,6 +18,7 @@ from mpge_jax.diagnosis.simulation.actuator_state import settling
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.force_between_rows import Law, followed
+from mpge_jax.diagnosis.simulation.guided import unseen
 from mpge_jax.diagnosis.simulation.measured_drives import follows
 from mpge_jax.diagnosis.simulation.windows import MAX_SAMPLES, Windows, cut
 
@@ -73,17 +74,8 @@ class Prepared:
     def guiding(self, *dofs: int) -> Prepared:
         """The same where some hinges or slides move as recorded: what acts there is not told, nor does it mislead what
         is told of the others. Its warnings are its own."""
-        at, qadr = list(dofs), self.model.jnt_qposadr[self.model.dof_jntid[list(dofs)]]
-
-        def unseen(s: Source) -> Source:
-            r, qpos = s.recording, s.recording.qpos.copy()
-            qvel = None if r.qvel is None else r.qvel.copy()
-            qpos[:, qadr] = np.nan
-            if qvel is not None:
-                qvel[:, at] = np.nan
-            return replace(s, recording=replace(r, qpos=qpos, qvel=qvel))
-
-        return replace(self.mapped(unseen), sim=self.sim.guiding(*dofs), warnings=list(self.warnings))
+        its = self.mapped(lambda s: unseen(s, self.model, dofs))
+        return replace(its, sim=self.sim.guiding(*dofs), warnings=list(self.warnings))
 
     def windows(
         self,

@@ -24,6 +24,7 @@ from mpge_jax.diagnosis.recordings.states import States, smoothed
 from mpge_jax.diagnosis.simulation.actuator_state import activations
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.guided import as_it_may_have_moved, unseen
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
 from mpge_jax.diagnosis.simulation.windows import Windows, cut
 from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, BY_CHANCE, DOUBT, LOUD, SEVERAL
@@ -107,6 +108,9 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
     # of all their rows: commands averaged over several would count as noise
     segment = max(SEGMENT, length / WITHIN, (ROWS + 2) * prepared.ctx.period)
+    guided = sim.guided
+    if guided and not prepared.noise.direct:
+        prepared = prepared.mapped(lambda s: as_it_may_have_moved(s, sim.model, prepared.noise, guided, rng))
     w = prepared.windows("train", duration=segment, limit=limit, seed=5, samples=ALL)
     if not w.count or w.times.shape[1] < ROWS:
         return Floor()
@@ -126,6 +130,8 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     sources = tuple(
         _again(r, s, act, w.sources[k], row) for (r, act, k, row), s in zip(kept, states, strict=True)
     )
+    if guided:
+        sources = tuple(unseen(s, sim.model, guided) for s in sources)
     cuts = cut(sources, sim.model, noise, length, 2 * limit, prepared.dt, rng)
     if not cuts.count:
         return Floor()
@@ -210,16 +216,19 @@ def _simulated(
         change = np.nan_to_num(-residual[k, :n, : m.nv]) + scale * rng.standard_normal((n, m.nv))
         if noise.stamp:
             change = change + w.drift[k, :n] * rng.standard_normal((n, 1))
-        qpos = integrate(m, w.qpos[k, :n], change)
-        velocity = None
-        if np.isfinite(w.qvel[k, :n]).any():
-            velocity = w.qvel[k, :n] - residual[k, :n, m.nv :]
-            velocity = velocity + np.where(np.isfinite(noise.qvel), noise.qvel, 0.0) * rng.standard_normal(
-                (n, m.nv)
-            )
         time = w.times[k, :n]
-        grid = w.start[k] + time
-        source = w.sources[w.source[k]]
+        grid, source = w.start[k] + time, w.sources[w.source[k]]
+        measured, speeds = w.qpos[k, :n].copy(), w.qvel[k, :n] - residual[k, :n, m.nv :]
+        for d in prepared.sim.guided:
+            # what is recorded of it, noise included, tells its states anew
+            qadr = int(m.jnt_qposadr[m.dof_jntid[d]])
+            measured[:, qadr], v = source.state_at(grid, qadr, d)
+            speeds[:, d] = v if np.isfinite(noise.qvel[d]) else np.nan
+        qpos = integrate(m, measured, change)
+        velocity = None
+        if np.isfinite(speeds).any():
+            scatter = np.where(np.isfinite(noise.qvel), noise.qvel, 0.0)
+            velocity = speeds + scatter * rng.standard_normal((n, m.nv))
         ctrl = source.mean_command(np.append(grid, grid[-1] + (grid[-1] - grid[-2])))
         # where forces change between rows, they are as at the row, and not on average until the next
         # and those that come late change where they arrive

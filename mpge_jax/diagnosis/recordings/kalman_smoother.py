@@ -6,7 +6,7 @@ intensity is chosen per stretch of recording by maximum likelihood. All stretche
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,10 +24,12 @@ class Smoothed:
     Attributes:
         mean: [T, 3] position, velocity, acceleration.
         cov: [T, 3, 3] their covariance.
+        intensity: [T] of the jerk.
     """
 
     mean: Array
     cov: Array
+    intensity: Array
 
 
 def _transition(dt: Array) -> tuple[Array, Array]:
@@ -143,10 +145,32 @@ def smooth(series: list[Series]) -> list[Smoothed]:
     best = INTENSITIES[np.argmax(loglik + 0.1 * pooled, axis=1)]
     _, moments = _filter(dt, y, r, best[:, None], keep=True)
     mean, cov = _smooth(dt, moments)
-    out = [Smoothed(np.empty((s.time.size, 3)), np.empty((s.time.size, 3, 3))) for s in series]
+    sizes = [s.time.size for s in series]
+    out = [Smoothed(np.empty((n, 3)), np.empty((n, 3, 3)), np.empty(n)) for n in sizes]
     for k, (i, a, _, first, last) in enumerate(pieces):
         m = mean[first - a : last - a, k, 0].copy()
         m[:, 0] += series[i].position[a]
         out[i].mean[first:last] = m
         out[i].cov[first:last] = cov[first - a : last - a, k, 0]
+        out[i].intensity[first:last] = best[k]
     return out
+
+
+def drawn(series: list[Series], rng: np.random.Generator) -> list[Array]:
+    """Of every series one of the motions [T, 3] that it may be of, drawn from what is known of that.
+
+    Durbin and Koopman (2002): the error of smoothing is that of any motion of the model, measured alike.
+    """
+    walks, again = [], list[Series]()
+    known = smooth(series)
+    for s, told in zip(series, known, strict=True):
+        f, q = _transition(np.minimum(np.diff(s.time), PAUSE))
+        shocks = np.linalg.cholesky(q) @ rng.standard_normal((s.time.size - 1, 3, 1))
+        walk = np.zeros((s.time.size, 3))
+        for t, shock in enumerate(shocks[..., 0]):
+            walk[t + 1] = f[t] @ walk[t] + np.sqrt(told.intensity[t + 1]) * shock
+        position = walk[:, 0] + s.sigma * rng.standard_normal(s.time.size)
+        velocity = walk[:, 1] + s.sigma_velocity * rng.standard_normal(s.time.size)
+        walks.append(walk)
+        again.append(replace(s, position=position, velocity=None if s.velocity is None else velocity))
+    return [x.mean + w - y.mean for x, w, y in zip(known, walks, smooth(again), strict=True)]

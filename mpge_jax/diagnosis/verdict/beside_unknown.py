@@ -14,16 +14,15 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, fit_report, judged, left_out
-from mpge_jax.diagnosis.evidence.numerics_seen import amounts_seen
 from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.residual.motion import functions_of_motion
 from mpge_jax.diagnosis.selection.confirmation import predicts_better
 from mpge_jax.diagnosis.selection.procedure import Decision, decide, look, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
-from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, MEANS_SOMETHING, REMAINS
+from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, REMAINS
 from mpge_jax.diagnosis.verdict.elsewhere import elsewhere
-from mpge_jax.diagnosis.verdict.part_of_unknown import left_of_motion, matters
+from mpge_jax.diagnosis.verdict.part_of_unknown import slightly_left
 from mpge_jax.diagnosis.verdict.remainder_description import describe
 
 LIKE = "it is only like what acts: without it, a force that nobody named predicts recordings far better"
@@ -37,7 +36,7 @@ def beside_unknown(
     if found.left is None:
         return found, held
     here = describe(p, found.left, 1.0)["at"]
-    if not _matters(p, s, found, here):
+    if slightly_left(p, s, found, here):
         return found, held
     _, left = what_is_left(p, NOTHING, s)
     if left is None:
@@ -66,15 +65,6 @@ def _nothing_unknown(
             return decided, held
     p.warnings[:] = warnings
     return None
-
-
-def _matters(p: Prepared, s: Search, found: Decision, at: list[str]) -> bool:
-    """Whether what is left at some places is more than a detail of recordings that only choose, and of their noise."""
-    report = fit_report(p, found.fit, "choice", amounts_seen(p, found.fit))
-    if report.after.rms <= MEANS_SOMETHING * report.floor:
-        return False
-    share = report.left(s.sim.rugged(found.fit.hypothesis)) ** 2
-    return matters(share, left_of_motion(p, found.fit, at, report))
 
 
 def _beside_functions(

@@ -26,7 +26,8 @@ from mpge_jax.diagnosis.selection.confirmation import refitted
 from mpge_jax.diagnosis.selection.procedure import Decision, decide, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
-from mpge_jax.diagnosis.verdict.part_of_unknown import joints_at
+from mpge_jax.diagnosis.verdict.part_of_unknown import joints_at, slightly_left
+from mpge_jax.diagnosis.verdict.remainder_description import describe
 
 TRIES = 2
 """Joints, at most, at which something may act that has no name: those where most is left."""
@@ -36,8 +37,8 @@ def elsewhere(
     p: Prepared, s: Search, found: Decision, at: list[str], say: Callable[[str], None]
 ) -> Decision | None:
     """What was found at the one joint at which something acts that has no name, with what is found at the others while
-    it moves as recorded; None where that leaves something of their motion at each joint that it may be, or tells it no
-    better than what was found there before: that nothing speaks for an effect does not speak against it.
+    it moves as recorded; None where that leaves more than a detail of their motion at each joint that it may be, or
+    tells it no better than what was found there before: that nothing speaks for an effect does not speak against it.
 
     Args:
         at: joints or actuators at which something is left, likeliest first.
@@ -63,7 +64,7 @@ def elsewhere(
         ]
         others, _ = tested(machine, search, decide(machine, search, say))
         s.log += search.log
-        if others.left is None:
+        if not _much_is_left(machine, search, others):
             break
     else:
         return None
@@ -79,6 +80,13 @@ def elsewhere(
     noise, left = what_is_left(p, fit, s)
     rivals = {t: r for t, r in found.rivals.items() if t in here.terms} | others.rivals
     return Decision(fit, rivals, noise, left, s)
+
+
+def _much_is_left(machine: Prepared, s: Search, others: Decision) -> bool:
+    """Whether more than a detail is left of the other joints' motion."""
+    if others.left is None:
+        return False
+    return not slightly_left(machine, s, others, describe(machine, others.left, 1.0)["at"])
 
 
 def _tells_more(s: Search, new: Fitted, old: Fitted) -> bool:

@@ -16,9 +16,12 @@ from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report
 from mpge_jax.diagnosis.evidence.joints_of_place import acted_on
-from mpge_jax.diagnosis.thresholds import SLIGHT
+from mpge_jax.diagnosis.evidence.numerics_seen import amounts_seen
+from mpge_jax.diagnosis.selection.procedure import Decision
+from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.thresholds import MEANS_SOMETHING, SLIGHT
 
 Array = np.ndarray
 UNKNOWN = "unexplained"
@@ -79,6 +82,15 @@ def matters(share: float, beside: Mapping[Term, Beside]) -> bool:
         share: of the squared error. beside: what is left beside each such effect.
     """
     return max([share, *(left.there for left in beside.values())]) > SLIGHT
+
+
+def slightly_left(p: Prepared, s: Search, found: Decision, at: Sequence[str]) -> bool:
+    """Whether what is left at some places is at most a detail of recordings that only choose, or of their noise."""
+    report = fit_report(p, found.fit, "choice", amounts_seen(p, found.fit))
+    if report.after.rms <= MEANS_SOMETHING * report.floor:
+        return True
+    share = report.left(s.sim.rugged(found.fit.hypothesis)) ** 2
+    return not matters(share, left_of_motion(p, found.fit, at, report))
 
 
 def joints_at(p: Prepared, name: str) -> list[int]:

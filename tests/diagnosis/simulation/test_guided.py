@@ -9,6 +9,9 @@ import pytest
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING as FITTED
+from mpge_jax.diagnosis.estimation.whitening import robust_loss, whitener_beside
+from mpge_jax.diagnosis.evidence.null_distribution import floor
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from tests.diagnosis.machines import FINE_ARM, record
 from tests.diagnosis.searches import prepared_of
@@ -69,3 +72,13 @@ def test_warnings_of_a_guided_machine_are_its_own(kicked):
     guided = kicked.guiding(0)
     guided.warnings.append("two")
     assert kicked.warnings == ["one"]
+
+
+def test_what_noise_leaves_of_the_others_is_told_with_the_guided_motion(guided):
+    """Nothing is missing at the elbow. What is left there is what measurements leave open of the shoulder's motion, of
+    its blows above all: a model that is true leaves as much."""
+    noise, w = floor(guided, FITTED, 0.25), guided.windows("train", 0.25, 40)
+    white = whitener_beside(guided.sim, FITTED.hypothesis, FITTED.theta, w, guided.noise, temper=False)
+    left = robust_loss(white.excess(white(guided.sim.residuals([NOTHING], w)[0])))
+    assert 0.5 * left.mean() < noise.loss < 2.0 * left.mean() and left.mean() > 2.0
+    assert not noise.exceeded(left)
