@@ -15,6 +15,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, fit_report, judged, left_out
 from mpge_jax.diagnosis.evidence.scored import Reached
+from mpge_jax.diagnosis.residual.model import with_function
 from mpge_jax.diagnosis.residual.motion import functions_of_motion
 from mpge_jax.diagnosis.selection.confirmation import predicts_better
 from mpge_jax.diagnosis.selection.procedure import Decision, decide, look, tested, what_is_left
@@ -25,6 +26,8 @@ from mpge_jax.diagnosis.verdict.elsewhere import elsewhere
 from mpge_jax.diagnosis.verdict.part_of_unknown import slightly_left
 from mpge_jax.diagnosis.verdict.remainder_description import describe
 
+ROUNDS = 3
+"""How often effects are searched for beside functions that were told beside the effects of before, at most."""
 LIKE = "it is only like what acts: without it, a force that nobody named predicts recordings far better"
 
 
@@ -88,14 +91,37 @@ def _beside_functions(
         if not _far_better(p, unknown, both):
             return None
     say("looking for what acts beside it")
-    with_it = replace(p, sim=p.sim.beside(unknown.hypothesis, unknown.theta))
-    search = build_search(with_it, say, p.config.decide_s)
-    beside, _ = tested(with_it, search, decide(with_it, search, say))
-    s.log += search.log
+    beside = _found_beside(p, s, unknown, at, say)
     fit = beside.fit
     noise, left = what_is_left(p, fit, s)
     p.warnings += left_out([t for t in named if t not in fit.hypothesis.terms], LIKE)
     return Decision(fit, beside.rivals, noise, left, s)
+
+
+def _found_beside(
+    p: Prepared, s: Search, unknown: Fitted, at: list[str], say: Callable[[str], None]
+) -> Decision:
+    """What is found beside functions, and these told beside that in turn until it stays: functions that were told
+    without it stand for some of it, and leave the rest to others."""
+    known = NOTHING
+    for left in reversed(range(ROUNDS)):
+        with_it = replace(p, sim=p.sim.beside(unknown.hypothesis, unknown.theta))
+        search = build_search(with_it, say, p.config.decide_s)
+        search.resume = Reached(known)
+        looked = look(with_it, search)
+        s.log += search.log
+        search.log.clear()
+        if looked.fit.hypothesis == known.hypothesis or not left:
+            break
+        functions, _ = functions_of_motion(p, s, looked.fit, at)
+        if not functions:
+            break
+        known, unknown = looked.fit, NOTHING
+        for function in functions:
+            unknown = with_function(p.ctx, unknown, function.term, function.theta)
+    found, _ = tested(with_it, search, decide(with_it, search, say, looked))
+    s.log += search.log
+    return found
 
 
 def _far_better(p: Prepared, new: Fitted, old: Fitted) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.residual.axis import Axis
 from mpge_jax.diagnosis.effects.residual.force import Residual
-from mpge_jax.diagnosis.estimation.prediction_error import errors
+from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
 from mpge_jax.diagnosis.evidence.held_out_error import fit_report
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_residual
@@ -123,3 +123,11 @@ def test_what_names_were_given_up_for_matters_however_slight_it_is(asked, monkey
     result = judgement.judge(p, mujoco.MjModel.from_xml_string(PENDULUM), s, found, held, None)
     assert result.verdict == "unexplained" and not result.fit.hypothesis.terms
     assert result.residual is beside[-1] and result.residual.before == result.held.after.rms
+
+
+def test_what_is_told_at_one_joint_is_not_drowned_by_the_unknown_at_another():
+    """Rotor inertia takes a tenth's error away at its joint, while what has no name is missed by more elsewhere."""
+    without = Errors(0.25, np.array([0.02, 0.35, np.nan]), np.zeros(1), np.zeros((1, 1, 3)))
+    both = Errors(0.26, np.array([0.002, 0.37, np.nan]), np.zeros(1), np.zeros((1, 1, 3)))
+    assert both.rms > without.rms
+    assert module._falls(without, both) == pytest.approx(0.5 * (np.log(10.0) - np.log(37 / 35)))

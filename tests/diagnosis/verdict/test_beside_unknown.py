@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain, repeat
 from types import SimpleNamespace
 
 import mujoco
@@ -39,34 +40,37 @@ def asked(rubbing, monkeypatch):
     gain = fitted(s, {GAIN: [0.9]})
     noise, left = what_is_left(p, gain, s)
     assert left is not None
-    searched = []
+    searched, told = [], []
 
-    def decide(machine, search, _say):
+    def decide(machine, search, _say, _looked):
         searched.append((machine, search))
         return Decision(searched_for, {}, Floor(), None, search)
 
-    def ask(functions, better, found, fit=gain):
+    def ask(functions, better, found, fit=gain, looked=()):
         nonlocal searched_for
         searched_for = found
         answers = iter(better)
-        monkeypatch.setattr(
-            module, "functions_of_motion", lambda _p, _s, f, _at: (functions, with_rubbing(f))
-        )
+        monkeypatch.setattr(module, "functions_of_motion", lambda *args: beside(functions, *args))
         monkeypatch.setattr(module, "predicts_better", lambda *_: bool(better))
         monkeypatch.setattr(module, "_far_better", lambda *_: next(answers, False))
         monkeypatch.setattr(module, "decide", decide)
         monkeypatch.setattr(module, "tested", lambda _p, _s, decision: (decision, None))
-        monkeypatch.setattr(module, "look", lambda _p, _s: SimpleNamespace(left="something"))
+        looks = chain(looked, repeat(found))
+        monkeypatch.setattr(module, "look", lambda _p, _s: SimpleNamespace(fit=next(looks), left="something"))
         before = Decision(fit, {}, noise, left, s)
         p.warnings.clear()
         after, held = beside_unknown(p, s, before, fit_report(p, fit, "test"), lambda _text: None)
         return SimpleNamespace(same=after is before, fit=after.fit, left=after.left, held=held)
 
+    def beside(functions, _p, _s, f, _at):
+        told.append(f.hypothesis.terms)
+        return functions, with_rubbing(f)
+
     def with_rubbing(f):
         return with_function(p.ctx, f, RUBS.term, RUBS.theta)
 
     searched_for = NOTHING
-    return SimpleNamespace(of=ask, searched=searched, p=p, s=s)
+    return SimpleNamespace(of=ask, searched=searched, told=told, p=p, s=s)
 
 
 def test_names_stay_where_no_force_explains_far_more(asked):
@@ -87,6 +91,24 @@ def test_names_that_are_only_like_what_acts_go(asked):
     hypothesis, theta = machine.sim.always
     assert hypothesis.terms == (RUBS.term,) and search.sim is machine.sim is not asked.p.sim
     np.testing.assert_array_equal(theta, RUBS.theta)
+
+
+def test_functions_are_told_again_beside_what_is_found_until_it_stays(asked):
+    """Beside functions that stood for some of the damping too, a gain was found with it."""
+    damping = fitted(asked.s, {DAMPING: [0.02]})
+    both = fitted(asked.s, {DAMPING: [0.02], GAIN: [0.97]})
+    answer = asked.of([RUBS], [True, True], damping, looked=[both, damping, damping])
+    assert answer.fit is damping and len(asked.searched) == 1
+    # at first alone and beside what was named, then beside what each look found
+    assert asked.told[2:] == [both.hypothesis.terms, damping.hypothesis.terms]
+    ((_, search),) = asked.searched
+    assert search.resume.fit.hypothesis == damping.hypothesis
+
+
+def test_what_never_stays_is_told_beside_the_last_functions(asked):
+    gain, damping = fitted(asked.s, {GAIN: [0.97]}), fitted(asked.s, {DAMPING: [0.02]})
+    answer = asked.of([RUBS], [True, True], gain, looked=[gain, damping, gain, damping])
+    assert answer.fit is gain and len(asked.told) == 2 + module.ROUNDS - 1
 
 
 def test_far_better_takes_windows_enough_to_say_so(asked, monkeypatch):
