@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.simulation.actuator_state import settling
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.force_between_rows import Law, followed
-from mpge_jax.diagnosis.simulation.guided import unseen
+from mpge_jax.diagnosis.simulation.guided import led
 from mpge_jax.diagnosis.simulation.measured_drives import follows
 from mpge_jax.diagnosis.simulation.windows import MAX_SAMPLES, Windows, cut
 
@@ -74,7 +74,8 @@ class Prepared:
     def guiding(self, *dofs: int) -> Prepared:
         """The same where some hinges or slides move as recorded: what acts there is not told, nor does it mislead what
         is told of the others. Its warnings are its own."""
-        its = self.mapped(lambda s: unseen(s, self.model, dofs))
+        rng = np.random.default_rng([self.config.seed, *dofs])
+        its = self.mapped(lambda s: led(s, self.model, self.noise, dofs, rng))
         return replace(its, sim=self.sim.guiding(*dofs), warnings=list(self.warnings))
 
     def windows(

@@ -34,6 +34,8 @@ LATER = 0.125
 """Timesteps by which LATE has commands act later."""
 BEFORE = "commands before the recording, of actuator"
 """What late actuators still obey when it begins (see `nuisances`), and the actuator's index."""
+GUIDED = "motion of guided joints"
+"""What may have been otherwise there (see `nuisances`), and the number of a draw."""
 INEXACT = 0.03
 """Share of what the timestep, and commands from before the recordings, change that follows no direction: where drives
 saturate or starts are uncertain, it is not linear. It counts as noise."""
@@ -239,10 +241,14 @@ def _holding(sim: Simulator, hypothesis: Hypothesis, theta: Array) -> Run | None
 
 
 def nuisances(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> dict[str, Array]:
-    """Changes of the residuals [W, N, 2 nv] by `numerics`, and by commands from before the recordings, of which late or
-    lagging actuators still have some at the first rows."""
+    """Changes of the residuals [W, N, 2 nv] by `numerics`; by commands from before the recordings, of which late or
+    lagging actuators still have some at the first rows; and by what is not known of guided joints' motion."""
     out = numerics(sim, hypothesis, theta, w)
     run = [Run(hypothesis, theta)]
+    motions = w.otherwise() if sim.guided else []
+    for k, moved in enumerate(motions):
+        change = sim.residuals(run, moved)[0] - sim.residuals(run, w)[0]
+        out[f"{GUIDED} {k}"] = change / np.sqrt(len(motions))
     for a in sorted({t.place.index for t in hypothesis.terms if t.effect.commands}):
         other = w.commanded_before(a)
         if other is not None:

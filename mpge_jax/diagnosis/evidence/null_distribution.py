@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from mpge_jax.diagnosis.recordings.states import States, smoothed
 from mpge_jax.diagnosis.simulation.actuator_state import activations
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.guided import as_it_may_have_moved, unseen
+from mpge_jax.diagnosis.simulation.guided import led
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
 from mpge_jax.diagnosis.simulation.windows import Windows, cut
 from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, BY_CHANCE, DOUBT, LOUD, SEVERAL
@@ -108,9 +108,7 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
     # of all their rows: commands averaged over several would count as noise
     segment = max(SEGMENT, length / WITHIN, (ROWS + 2) * prepared.ctx.period)
-    guided = sim.guided
-    if guided and not prepared.noise.direct:
-        prepared = prepared.mapped(lambda s: as_it_may_have_moved(s, sim.model, prepared.noise, guided, rng))
+    prepared = prepared.mapped(lambda s: replace(s, states=s.otherwise[-1]) if s.otherwise else s)
     w = prepared.windows("train", duration=segment, limit=limit, seed=5, samples=ALL)
     if not w.count or w.times.shape[1] < ROWS:
         return Floor()
@@ -130,8 +128,8 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     sources = tuple(
         _again(r, s, act, w.sources[k], row) for (r, act, k, row), s in zip(kept, states, strict=True)
     )
-    if guided:
-        sources = tuple(unseen(s, sim.model, guided) for s in sources)
+    if sim.guided:
+        sources = tuple(led(s, sim.model, noise, sim.guided, rng) for s in sources)
     cuts = cut(sources, sim.model, noise, length, 2 * limit, prepared.dt, rng)
     if not cuts.count:
         return Floor()

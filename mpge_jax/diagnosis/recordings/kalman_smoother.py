@@ -119,8 +119,12 @@ class Series:
     sigma_velocity: float
 
 
-def smooth(series: list[Series]) -> list[Smoothed]:
-    """Smooth every series; stretches of `CHUNK` rows with overlap run as one batch."""
+def smooth(series: list[Series], intensity: list[Array] | None = None) -> list[Smoothed]:
+    """Smooth every series; stretches of `CHUNK` rows with overlap run as one batch.
+
+    Args:
+        intensity: [T] of the jerk of each, if it is known.
+    """
     pieces = []  # (series, first row, last row, first kept, last kept)
     for i, s in enumerate(series):
         n = s.time.size
@@ -139,10 +143,13 @@ def smooth(series: list[Series]) -> list[Smoothed]:
         if s.velocity is not None:
             y[: b - a, k, 1] = s.velocity[a:b]
         r[: b - a, k, 0], r[:, k, 1] = s.sigma[a:b] ** 2, s.sigma_velocity**2
-    loglik, _ = _filter(dt, y, r, np.tile(INTENSITIES, (batch, 1)), keep=False)
-    owner = np.array([p[0] for p in pieces])
-    pooled = np.array([loglik[owner == owner[k]].mean(0) for k in range(batch)])
-    best = INTENSITIES[np.argmax(loglik + 0.1 * pooled, axis=1)]
+    if intensity is None:
+        loglik, _ = _filter(dt, y, r, np.tile(INTENSITIES, (batch, 1)), keep=False)
+        owner = np.array([p[0] for p in pieces])
+        pooled = np.array([loglik[owner == owner[k]].mean(0) for k in range(batch)])
+        best = INTENSITIES[np.argmax(loglik + 0.1 * pooled, axis=1)]
+    else:
+        best = np.array([intensity[i][first] for i, _, _, first, _ in pieces])
     _, moments = _filter(dt, y, r, best[:, None], keep=True)
     mean, cov = _smooth(dt, moments)
     sizes = [s.time.size for s in series]
@@ -156,21 +163,23 @@ def smooth(series: list[Series]) -> list[Smoothed]:
     return out
 
 
-def drawn(series: list[Series], rng: np.random.Generator) -> list[Array]:
-    """Of every series one of the motions [T, 3] that it may be of, drawn from what is known of that.
+def errors_drawn(series: list[Series], count: int, rng: np.random.Generator) -> list[Array]:
+    """Of every series by how much [count, T, 3] its motion may differ from the smoothed one: draws.
 
-    Durbin and Koopman (2002): the error of smoothing is that of any motion of the model, measured alike.
+    Durbin and Koopman (2002): smoothing errs as much where any motion of the model is measured alike.
     """
-    walks, again = [], list[Series]()
-    known = smooth(series)
-    for s, told in zip(series, known, strict=True):
+    walks, again, intensity = list[Array](), list[Series](), list[Array]()
+    for s, told in zip(series, smooth(series), strict=True):
         f, q = _transition(np.minimum(np.diff(s.time), PAUSE))
-        shocks = np.linalg.cholesky(q) @ rng.standard_normal((s.time.size - 1, 3, 1))
-        walk = np.zeros((s.time.size, 3))
+        shocks = np.linalg.cholesky(q)[:, None] @ rng.standard_normal((s.time.size - 1, count, 3, 1))
+        walk = np.zeros((s.time.size, count, 3))
         for t, shock in enumerate(shocks[..., 0]):
-            walk[t + 1] = f[t] @ walk[t] + np.sqrt(told.intensity[t + 1]) * shock
-        position = walk[:, 0] + s.sigma * rng.standard_normal(s.time.size)
-        velocity = walk[:, 1] + s.sigma_velocity * rng.standard_normal(s.time.size)
-        walks.append(walk)
-        again.append(replace(s, position=position, velocity=None if s.velocity is None else velocity))
-    return [x.mean + w - y.mean for x, w, y in zip(known, walks, smooth(again), strict=True)]
+            walk[t + 1] = walk[t] @ f[t].T + np.sqrt(told.intensity[t + 1]) * shock
+        for x in np.swapaxes(walk, 0, 1):
+            position = x[:, 0] + s.sigma * rng.standard_normal(s.time.size)
+            velocity = x[:, 1] + s.sigma_velocity * rng.standard_normal(s.time.size)
+            again.append(replace(s, position=position, velocity=None if s.velocity is None else velocity))
+            intensity.append(told.intensity)
+            walks.append(x)
+    errors = [x - y.mean for x, y in zip(walks, smooth(again, intensity), strict=True)]
+    return [np.array(errors[k : k + count]) for k in range(0, len(errors), count)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -29,6 +29,7 @@ class Source:
         age: [nu] s by which `smooth` acts late.
         activation: [na] of the actuators' filters at the first row, where it is known.
         late: [nu] s by which commands act late in the model itself.
+        otherwise: what the states may have been as well, where some joints are `guided` by them.
     """
 
     recording: Recording
@@ -41,6 +42,7 @@ class Source:
     age: Array
     activation: Array | None = None
     late: Array | None = None
+    otherwise: tuple[States, ...] = ()
 
     @property
     def spent(self) -> float:
@@ -81,7 +83,8 @@ class Source:
     def rebuilt(self, **changes: Any) -> Source:
         """The same with other arguments of `build`, and what follows from them."""
         names = ("recording", "states", "command", "smooth", "age", "activation", "late", "bend")
-        return Source.build(**{**{name: getattr(self, name) for name in names}, **changes})
+        built = Source.build(**{**{name: getattr(self, name) for name in names}, **changes})
+        return replace(built, otherwise=self.otherwise)
 
     def shaken(self, deviation: Array, rng: np.random.Generator) -> Source:
         """The same with noise of a deviation [nu] in every row."""

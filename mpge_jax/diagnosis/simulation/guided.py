@@ -9,41 +9,43 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from mpge_jax.diagnosis.recordings.kalman_smoother import Series, drawn
+from mpge_jax.diagnosis.recordings.kalman_smoother import Series, errors_drawn
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
+MOTIONS = 16
+"""Motions that a guided joint may have had: what others do with them is no missing physics."""
 HEAVY = 1e6
 """Inertia of a guided joint, in its own: no other force changes its acceleration beyond that share."""
 
 
-def unseen(s: Source, model: mujoco.MjModel, dofs: Sequence[int]) -> Source:
-    """A recording in which some hinges or slides, which move as their smoothed states do, count as unmeasured."""
-    r, qpos = s.recording, s.recording.qpos.copy()
-    qvel = None if r.qvel is None else r.qvel.copy()
-    qpos[:, model.jnt_qposadr[model.dof_jntid[list(dofs)]]] = np.nan
-    if qvel is not None:
-        qvel[:, list(dofs)] = np.nan
-    return replace(s, recording=replace(r, qpos=qpos, qvel=qvel))
-
-
-def as_it_may_have_moved(
+def led(
     s: Source, model: mujoco.MjModel, noise: Noise, dofs: Sequence[int], rng: np.random.Generator
 ) -> Source:
-    """A recording whose hinges and slides moved as smoothed, but for what measurements leave open of that: a draw."""
-    q, v, rows = s.states.qpos.copy(), s.states.qvel.copy(), s.recording.time.size
-    at = model.jnt_qposadr[model.dof_jntid[list(dofs)]]
-    series = []
+    """A recording in which some hinges or slides move as their smoothed states do and count as unmeasured, with motions
+    that they may have had as well, for all that was measured of them."""
+    r, qpos, at = s.recording, s.recording.qpos.copy(), model.jnt_qposadr[model.dof_jntid[list(dofs)]]
+    qvel = None if r.qvel is None else r.qvel.copy()
+    qpos[:, at] = np.nan
+    if qvel is not None:
+        qvel[:, list(dofs)] = np.nan
+    series, joints = [], list(dofs)
     for column, dof in zip(at, dofs, strict=True):
-        sigma, sigma_v = np.hypot(noise.qpos[column], noise.stamp * np.abs(v[:, dof])), float(noise.qvel[dof])
-        position = q[:, column] + sigma * rng.standard_normal(rows)
-        velocity = v[:, dof] + sigma_v * rng.standard_normal(rows) if np.isfinite(sigma_v) else None
-        series.append(Series(s.recording.time, position, velocity, sigma, min(sigma_v, 1.0)))
-    for column, dof, moved in zip(at, dofs, drawn(series, rng), strict=True):
-        q[:, column], v[:, dof] = moved[:, 0], moved[:, 1]
-    return replace(s, states=replace(s.states, qpos=q, qvel=v))
+        q, v = s.states.qpos[:, column], s.states.qvel[:, dof]
+        sigma, sigma_v = np.hypot(noise.qpos[column], noise.stamp * np.abs(v)), float(noise.qvel[dof])
+        position = q + sigma * rng.standard_normal(q.size)
+        velocity = v + sigma_v * rng.standard_normal(v.size) if np.isfinite(sigma_v) else None
+        series.append(Series(r.time, position, velocity, sigma, min(sigma_v, 1.0)))
+    otherwise = []
+    # states that are taken as measured are as well known as that
+    for error in () if noise.direct else np.stack(errors_drawn(series, MOTIONS, rng), 2):
+        q, v = s.states.qpos.copy(), s.states.qvel.copy()
+        q[:, at] += error[..., 0]
+        v[:, joints] += error[..., 1]
+        otherwise.append(replace(s.states, qpos=q, qvel=v))
+    return replace(s, recording=replace(r, qpos=qpos, qvel=qvel), otherwise=tuple(otherwise))
 
 
 class Guide:

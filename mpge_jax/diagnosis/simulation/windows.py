@@ -158,6 +158,14 @@ class Windows:
             return None
         return self.driven_by(tuple(s.older(factor) for s in self.sources))
 
+    def otherwise(self) -> list[Windows]:
+        """The same with each of the motions that guided joints may have had as well."""
+        each = zip(*(s.otherwise for s in self.sources), strict=True)
+        return [
+            replace(self, sources=tuple(replace(s, states=x) for s, x in zip(self.sources, its, strict=True)))
+            for its in each
+        ]
+
     def driven_by(self, sources: tuple[Source, ...]) -> Windows:
         """The same windows of the same recordings with other commands."""
         w = replace(self, sources=sources)

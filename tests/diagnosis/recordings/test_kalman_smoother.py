@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mpge_jax.diagnosis.recordings.kalman_smoother import CHUNK, Series, drawn, smooth
+from mpge_jax.diagnosis.recordings.kalman_smoother import CHUNK, Series, errors_drawn, smooth
 
 DRAWS = 200
 
@@ -16,7 +16,7 @@ def test_draws_scatter_about_the_smoothed_motion_as_much_as_it_is_uncertain():
     for v in (None, velocity):
         series = Series(time, position, v, np.full(time.size, 1e-3), 0.02)
         (told,) = smooth([series])
-        away = np.array(drawn([series] * DRAWS, rng)) - told.mean
+        away = errors_drawn([series, series], DRAWS, rng)[1]
         spread = np.sqrt(np.diagonal(told.cov, axis1=1, axis2=2))
         middle = slice(20, -20)
         assert (np.abs(away.mean(0)) < 5.0 * spread / np.sqrt(DRAWS))[middle].all()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING as FITTED
 from mpge_jax.diagnosis.estimation.whitening import robust_loss, whitener_beside
 from mpge_jax.diagnosis.evidence.null_distribution import floor
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.guided import MOTIONS
 from tests.diagnosis.machines import FINE_ARM, record
 from tests.diagnosis.searches import prepared_of
 
@@ -82,3 +85,22 @@ def test_what_noise_leaves_of_the_others_is_told_with_the_guided_motion(guided):
     left = robust_loss(white.excess(white(guided.sim.residuals([NOTHING], w)[0])))
     assert 0.5 * left.mean() < noise.loss < 2.0 * left.mean() and left.mean() > 2.0
     assert not noise.exceeded(left)
+
+
+def test_what_is_not_known_of_the_guided_motion_is_seen_past(guided):
+    """Blows at the shoulder shake the elbow by more than noise, and not otherwise than the shoulder may have moved."""
+    w = guided.windows("train", 0.25, 40)
+    assert len(w.otherwise()) == MOTIONS
+    blind = replace(w, sources=tuple(replace(s, otherwise=()) for s in w.sources))
+    losses = []
+    for windows in (w, blind):
+        white = whitener_beside(
+            guided.sim, FITTED.hypothesis, FITTED.theta, windows, guided.noise, temper=False
+        )
+        losses.append(robust_loss(white.excess(white(guided.sim.residuals([NOTHING], windows)[0]))).mean())
+    assert losses[0] < 0.7 * losses[1]
+
+
+def test_states_as_measured_are_as_well_known_as_that(kicked):
+    direct = replace(kicked, noise=replace(kicked.noise, direct=True)).guiding(0)
+    assert all(s.otherwise == () for s in direct.sources)
