@@ -7,7 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.candidates import compatible
@@ -35,6 +35,10 @@ FAST = 0.3
 """Time constant, in steps of the grid, below which a lag cannot be told from a delay."""
 NEAR = 1e-6
 """Length and speed by which a law is probed for its slopes."""
+STEPS, GAIN = (-4, -2, -1, 1, 2, 4), 1e-2
+"""Points of the grid by which a time is moved while that lowers the cost by this share: a row has at most four."""
+ALIKE = 65
+"""Times near a fitted one that are asked whether they change anything."""
 PAUSE = 2.0
 """Seconds that a gap in a log counts for at most."""
 
@@ -200,19 +204,46 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) ->
     def scaled(x: Array) -> Array:
         return residual(model, ctx, replace(start, theta=x * scale), a, d.train, d)
 
-    x0 = np.clip(start.theta, low + 1e-6 * (high - low), high - 1e-6 * (high - low)) / scale
-    spread = max(float(np.median(np.abs(scaled(x0)))), 1.0)
-    out = least_squares(
-        scaled, x0, bounds=(low / scale, high / scale), loss="soft_l1", f_scale=3 * spread, max_nfev=30,
-        diff_step=1e-3,
-    )  # fmt: skip
-    theta = out.x * scale
+    def within(theta: Array) -> Array:
+        return np.clip(theta, low + 1e-6 * (high - low), high - 1e-6 * (high - low)) / scale
+
+    x0 = within(start.theta)
+    spread = 3.0 * max(float(np.median(np.abs(scaled(x0)))), 1.0)
+
+    def solved(x: Array) -> OptimizeResult:
+        bounds = (low / scale, high / scale)
+        return least_squares(
+            scaled, x, bounds=bounds, loss="soft_l1", f_scale=spread, max_nfev=30, diff_step=1e-3
+        )
+
+    def cost(x: Array) -> float:
+        return float(spread**2 * (np.sqrt(1.0 + (scaled(x) / spread) ** 2) - 1.0).sum())
+
+    out = solved(x0)
+    # as long as no command of another row arrives a delay changes nothing, so that no slope leads on from there
+    times = np.flatnonzero([p.unit == "s" for p in params])
+    steps = [k * d.dt * np.eye(len(params))[i] for i in times for k in STEPS]
+    while steps:
+        least, x = min((cost(x), tuple(x)) for x in (within(out.x * scale + step) for step in steps))
+        if least > (1.0 - GAIN) * out.cost:
+            break
+        out = solved(np.array(x))
+    theta, far = out.x * scale, 4.0 * d.dt
     # covariance clustered by block: the residual of a drive is not white
     j, r = out.jac / scale, scaled(out.x)
+    flat = [i for i in times if (d.dt * j[:, i]) @ (d.dt * j[:, i]) < 1.0]
+    j[:, flat] = 0.0
     _, index = np.unique(np.concatenate([log.block for log in d.train]), return_inverse=True)
     scores = np.stack([np.bincount(index, j[:, i] * r) for i in range(len(params))], 1)
     bread = np.linalg.pinv(j.T @ j)
-    return replace(start, theta=theta, cov=bread @ (scores.T @ scores) @ bread, loss=float(out.cost))
+    cov = bread @ (scores.T @ scores) @ bread
+    for i in flat:
+        # it is one of those that change nothing, each as likely as another
+        others = theta + np.linspace(-far, far, ALIKE)[:, None] * np.eye(len(params))[i]
+        alike = [x[i] for x in others if cost(within(x)) < (1.0 + 1e-4) * out.cost]
+        first, last = min([theta[i], *alike]), max([theta[i], *alike])
+        theta[i], cov[i, i] = (first + last) / 2, (last - first) ** 2 / 12
+    return replace(start, theta=theta, cov=cov, loss=float(out.cost))
 
 
 def _too_fast(ctx: Context, f: Fitted, dt: float) -> Term | None:

@@ -36,6 +36,13 @@ class Errors:
     window: Array
     curves: Array
 
+    @property
+    def each(self) -> Array:
+        """[W, nv] per window and degree of freedom (NaN where unmeasured)."""
+        seen = np.isfinite(self.curves)
+        square = np.where(seen, np.clip(self.curves, -1e3, 1e3), 0.0) ** 2
+        return np.sqrt(np.where(seen.any(1), square.sum(1) / np.maximum(seen.sum(1), 1), np.nan))
+
 
 def errors(
     sim: Simulator,

@@ -139,21 +139,24 @@ def _helps(report: FitReport) -> bool:
 def _evidence(without: Errors, after: Errors, floors: Array) -> float:
     """Logarithm of the likelihood ratio by which windows are better predicted with what the former lack.
 
-    A window counts by the searches' own loss, in units of the usual error: one in which something else acts is missed
-    with and without, and has no more say than others, unless squared errors all together speak against these beyond
-    doubt. Where the better ones show nothing but noise in any window, errors count in units of it, though few windows
-    gain: a drive may saturate now and then.
+    A joint counts by its own usual error, so that one at which something has no name does not drown what is told at
+    others, and a window by the searches' own loss: one in which something else acts is missed with and without, and has
+    no more say than others, unless squared errors all together speak against these beyond doubt. Where the better ones
+    show nothing but noise in any window, errors count in units of it, though few windows gain: a drive may saturate now
+    and then.
 
     Args:
         floors: [W] errors that noise alone leaves.
     """
-    unit = max(min(float(np.median(e.window)) for e in (without, after)), 1e-150)
-    more, less = without.window**2, after.window**2
-    losses = robust_loss(more / unit**2) - robust_loss(less / unit**2)
+    each = [e.each for e in (without, after)]
+    shown = np.isfinite(each[0]).any(0)
+    usual = np.min([np.nanmedian(x[:, shown], axis=0) for x in each], axis=0)
+    more, less = ((x[:, shown] / np.maximum(usual, 1e-150)) ** 2 for x in each)
     ratio, together = (
         by_scatter(gain) if gain.size > 1 else float(np.sign(gain.sum()) * np.inf)
-        for gain in (losses, more - less)
+        for gain in (np.nansum(x, 1) for x in (robust_loss(more) - robust_loss(less), more - less))
     )
+    more, less = without.window**2, after.window**2
     least = 0.5 * float(((more - less) / np.maximum(floors**2, 1e-300)).sum())
     better = after if least > 0.0 else without
     if bool((better.window <= MEANS_SOMETHING * floors).all()) and abs(least) > abs(ratio):

@@ -10,6 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, by_command
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.estimation.intervals import number
 from mpge_jax.diagnosis.estimation.prediction_error import numerical_floor
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, LATE, STEP
 from mpge_jax.diagnosis.evidence.held_out_error import (
@@ -27,8 +28,8 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING
 from mpge_jax.diagnosis.verdict.beside_functions import without_needless
 from mpge_jax.diagnosis.verdict.location import by_joint
-from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_of_motion, matters
-from mpge_jax.diagnosis.verdict.remainder_description import MOTION_ITSELF, describe
+from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_of_motion, left_there, matters
+from mpge_jax.diagnosis.verdict.remainder_description import MOTION_ITSELF, MOTION_THERE, describe
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
@@ -113,7 +114,10 @@ def judge(
         told = describe(p, left, share)
         told |= {"of": MOTION_ITSELF} if held.flies_away else {}
         beside = left_of_motion(p, found.fit, told["at"], held)
-        unexplained = told if functions or matters(share, beside) else None
+        there = left_there(p, told["at"], held, p.sim.rugged(left.fit.hypothesis))
+        if matters(there, {}) and not matters(share, beside):
+            told |= {"share": number(there), "of": MOTION_THERE}
+        unexplained = told if functions or matters(max(share, there), beside) else None
     if unexplained is not None:
         residual = functions
         if residual is None:

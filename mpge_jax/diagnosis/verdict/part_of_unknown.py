@@ -75,6 +75,22 @@ def left_of_motion(p: Prepared, f: Fitted, at: Sequence[str], report: FitReport)
     return left_beside(p, at, report.after.joint, each, report.floor, [[j] for j in p.model.dof_jntid])
 
 
+def left_there(p: Prepared, at: Sequence[str], report: FitReport, rugged: bool) -> float:
+    """Share of the squared error of the model as given at the joints where something is left that is left of it, which
+    may drown in what others had; 0 where noise may leave as much, and where things strike each other, as impacts do.
+
+    Args:
+        at, report: as in `left_of_motion`.
+    """
+    here = np.isin(p.model.dof_jntid, [j for name in at for j in joints_at(p, name)])
+    after, before = report.after.joint[here], report.no_more_than_moved(report.before.joint)[here]
+    noise = not np.nanmax(after, initial=0.0) > MEANS_SOMETHING * report.floor
+    if rugged or noise:
+        return 0.0
+    left, whole = (float(np.nansum(np.maximum(x**2 - report.floor**2, 0.0))) for x in (after, before))
+    return min(left / max(whole, 1e-300), 1.0)
+
+
 def matters(share: float, beside: Mapping[Term, Beside]) -> bool:
     """Whether what is left is more than a detail, also beside each of the effects that act where it is.
 
@@ -89,7 +105,8 @@ def slightly_left(p: Prepared, s: Search, found: Decision, at: Sequence[str]) ->
     report = fit_report(p, found.fit, "choice", amounts_seen(p, found.fit))
     if report.after.rms <= MEANS_SOMETHING * report.floor:
         return True
-    share = report.left(s.sim.rugged(found.fit.hypothesis)) ** 2
+    rugged = s.sim.rugged(found.fit.hypothesis)
+    share = max(report.left(rugged) ** 2, left_there(p, at, report, rugged))
     return not matters(share, left_of_motion(p, found.fit, at, report))
 
 

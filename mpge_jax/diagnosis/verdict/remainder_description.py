@@ -26,8 +26,9 @@ ALONG, DIFFERENT = 0.5, 25.0
 """Share of the missing force's chi^2 that may be left, and of what any other actuator or joint would leave, where one
 actuator's force is to explain it; and by how much chi^2 it must be better than they."""
 
-MOTION_ITSELF = "motion itself"
-"""Of what something without a name is a share, where the model as given misses far more than the machine moves."""
+MOTION_ITSELF, MOTION_THERE = "motion itself", "motion there"
+"""Of what something without a name is a share, where the model as given misses far more than the machine moves, and
+where it is a detail of what all joints were missed by, and none of that at its own."""
 
 
 def _rank_correlation(a: Array, b: Array) -> float:

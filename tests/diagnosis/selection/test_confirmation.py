@@ -61,13 +61,20 @@ def test_an_effect_is_confirmed_though_the_models_steps_miss_more_than_it_explai
     assert confirmed(p, s, f, "choice")[2] == [rubs]
 
 
+def _errors(*joints: np.ndarray) -> Errors:
+    """Errors of windows [W] at each joint."""
+    each = np.stack(joints, 1)
+    rms = np.sqrt((each**2).mean(1))
+    return Errors(float(np.sqrt((each**2).mean())), np.sqrt((each**2).mean(0)), rms, each[:, None])
+
+
 def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
     """Confirmation with squared errors of windows that are told: `shares` of each term is what it takes off."""
 
     def errors_of(hypothesis, further=0.0):
         missed = [x for t, x in shares.items() if t not in hypothesis.terms]
         window = np.sqrt(1000.0 + np.sum([*missed, np.zeros(WINDOWS)], axis=0)) + further
-        return Errors(float(np.sqrt((window**2).mean())), np.zeros(1), window, np.zeros((WINDOWS, 1, 1)))
+        return _errors(window)
 
     def report(f):
         before = errors_of(NOTHING.hypothesis, far * (1.0 + np.arange(WINDOWS) / WINDOWS))
@@ -120,7 +127,7 @@ def test_a_window_convinces_where_nothing_but_noise_is_left(left, sure):
     before = after.copy()
     before[0] = 9.0
     after[-1] = before[-1] = left
-    evidence = confirmation._evidence(*(Errors(0.0, floors, x, floors) for x in (before, after)), floors)
+    evidence = confirmation._evidence(_errors(before), _errors(after), floors)
     assert beyond_doubt(evidence) == sure
     assert (evidence == pytest.approx(40.0)) == sure
 
@@ -135,10 +142,22 @@ def test_a_window_convinces_where_nothing_but_noise_is_left(left, sure):
 )
 def test_windows_in_which_something_else_acts_have_no_more_say_than_others(after, better):
     before, after, floors = np.array([0.043] * 12 + [0.2, 0.1]), np.array(after), np.full(14, 1e-4)
-    ratio = confirmation._evidence(*(Errors(0.0, floors, x, floors) for x in (before, after)), floors)
-    back = confirmation._evidence(*(Errors(0.0, floors, x, floors) for x in (after, before)), floors)
+    ratio = confirmation._evidence(_errors(before), _errors(after), floors)
+    back = confirmation._evidence(_errors(after), _errors(before), floors)
     assert (beyond_doubt(ratio), beyond_doubt(-ratio)) == (better > 0, better < 0)
     assert back == pytest.approx(-ratio)
+
+
+def test_what_has_no_name_at_one_joint_does_not_drown_what_is_told_at_another():
+    """At the elbow something is missed by a radian, and now more, now less of it with damping at the shoulder."""
+    rng, floors = np.random.default_rng(0), np.full(WINDOWS, 1e-4)
+    elbow = [1.0 + 0.2 * rng.standard_normal(WINDOWS) for _ in range(2)]
+    shoulder = [x * (1.0 + 0.1 * rng.standard_normal(WINDOWS)) for x in (4e-3, 1e-3)]
+    without, after = (_errors(a, b) for a, b in zip(elbow, shoulder, strict=True))
+    assert beyond_doubt(confirmation._evidence(without, after, floors))
+    assert beyond_doubt(-confirmation._evidence(after, without, floors))
+    alike = _errors(elbow[1], shoulder[0])
+    assert not beyond_doubt(abs(confirmation._evidence(without, alike, floors)))
 
 
 def test_what_harms_is_no_measure_of_what_is_missed(rubbing_finely, monkeypatch):

@@ -12,11 +12,13 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.effects.residual.axis import Axis
 from mpge_jax.diagnosis.effects.residual.force import Residual
-from mpge_jax.diagnosis.estimation.prediction_error import errors
+from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function
+from mpge_jax.diagnosis.thresholds import SLIGHT
 from mpge_jax.diagnosis.verdict import judgement
-from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, doubtful, left_beside, matters
+from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, doubtful, left_beside, left_there, matters
 from tests.diagnosis.machines import ARM, FLYER, record
 
 MODEL = mujoco.MjModel.from_xml_string(ARM)
@@ -137,3 +139,24 @@ def test_doubt_is_told_in_the_table_and_in_words(rubs_otherwise):
         "What was named there may be a part of the same: too much is left beside viscous damping at elbow to be"
         in (table["explanation"])
     )
+
+
+def _report(before: list[float], after: list[float], floor: float = 0.1) -> FitReport:
+    each = (
+        Errors(float(np.sqrt(np.mean(np.square(x)))), np.array(x), np.ones(1), np.ones((1, 1, 2)))
+        for x in (before, after)
+    )
+    return FitReport(None, *each, np.full(1, floor), floor, np.full(2, np.inf))
+
+
+def test_what_is_left_at_its_joint_counts_by_what_was_missed_there():
+    """The shoulder's error falls from 20 to 0.1; of the elbow's 0.8 nothing goes: a detail of both, and none there."""
+    report = _report([20.0, 0.8], [0.1, 0.7])
+    assert report.left(rugged=False) ** 2 < SLIGHT
+    assert left_there(P, ["elbow"], report, False) == pytest.approx((0.49 - 0.01) / (0.64 - 0.01))
+    assert left_there(P, ["shoulder"], report, False) == 0.0
+    # noise may leave that, and impacts do
+    assert left_there(P, ["elbow"], _report([20.0, 0.8], [0.1, 0.19]), False) == 0.0
+    assert left_there(P, ["elbow"], report, True) == 0.0
+    assert left_there(P, ["elbow"], _report([20.0, 0.8], [0.1, 0.9]), False) == 1.0
+    assert left_there(P, ["elbow"], _report([20.0, np.nan], [0.1, np.nan]), False) == 0.0
