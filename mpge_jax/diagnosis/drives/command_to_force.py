@@ -139,10 +139,10 @@ class ActuatorSide:
         def of(source: Source) -> Law:
             out = nominal(source.recording, source.states, plain)
             for a, f in found.items():
-                if names[a] & LATE:
-                    out.jumps[:, a] = out.slopes[:, a] = 0.0
-                elif is_servo(plain, a) or a in moving:
+                if is_servo(plain, a) or a in moving:
                     out.jumps[:, a], out.slopes[:, a] = between(plain, self.ctx, f, a, source)
+                if names[a] & LATE:
+                    out.jumps[:, a] = 0.0
             return out
 
         return moving, of

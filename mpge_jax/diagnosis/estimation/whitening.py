@@ -114,9 +114,10 @@ def column_scale(noise: Noise, model) -> Array:
 
 
 def row_scale(noise: Noise, model, w: Windows) -> Array:
-    """Noise deviations [W, N, 2 nv] of the rows of windows: of positions also what an inexact time stamp makes."""
+    """Noise deviations [W, N, 2 nv] of the rows of windows: of positions also what an inexact time stamp makes, and
+    rounding that rows share."""
     scale = np.broadcast_to(column_scale(noise, model), (*w.seen.shape, 2 * model.nv)).copy()
-    scale[..., : model.nv] = np.hypot(scale[..., : model.nv], w.drift)
+    scale[..., : model.nv] = np.sqrt(scale[..., : model.nv] ** 2 + w.drift**2 + w.held**2)
     return scale
 
 

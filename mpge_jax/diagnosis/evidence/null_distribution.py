@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.estimation.whitening import (
     robust_loss,
     whitener_beside,
 )
-from mpge_jax.diagnosis.machine.joint_space import integrate
+from mpge_jax.diagnosis.machine.joint_space import _parts, integrate
 from mpge_jax.diagnosis.machine.model import compile_variable, has_plain_law
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.recordings.recording import Recording
@@ -207,7 +207,13 @@ def _simulated(
     out = []
     noise = prepared.noise
     scale = column_scale(noise, m)[: m.nv]
-    scale = np.where(np.isfinite(scale), scale, 0.0)
+    columns, dofs, _ = _parts(m)
+    step = np.zeros(m.nv)
+    step[dofs] = noise.quantum[columns]
+    # readings are rounded, as encoders do
+    scale = np.where(np.isfinite(scale), np.sqrt(np.maximum(scale**2 - step**2 / 12.0, 0.0)), 0.0)
+    coarse = step[dofs] > 0.0
+    columns, step = columns[coarse], step[dofs][coarse]
     for k in range(w.count):
         n = int(w.seen[k].sum())
         # tangent vectors from the measured to the simulated position, with fresh noise; unmeasured columns stay so
@@ -223,6 +229,8 @@ def _simulated(
             measured[:, qadr], v = source.state_at(grid, qadr, d)
             speeds[:, d] = v if np.isfinite(noise.qvel[d]) else np.nan
         qpos = integrate(m, measured, change)
+        code = np.round((qpos[:, columns] - measured[:1, columns]) / step)
+        qpos[:, columns] = measured[:1, columns] + code * step
         velocity = None
         if np.isfinite(speeds).any():
             scatter = np.where(np.isfinite(noise.qvel), noise.qvel, 0.0)

@@ -10,6 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.machine.model import Names, is_scalar
 from mpge_jax.diagnosis.recordings import recorded_velocities
 from mpge_jax.diagnosis.recordings.clock_noise import stamp_deviation
+from mpge_jax.diagnosis.recordings.coarse_encoders import held_error
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.recordings.recording import Recording
@@ -157,6 +158,8 @@ def smoothed(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -
         for column, dof in dofs.items():
             if np.isnan(r.qpos[:, column]).all():
                 continue
+            level = float(noise.qpos[column])
+            held = held_error(r.qpos[:, column], float(noise.quantum[column]), level)
             usable = np.isfinite(noise.qvel[dof]) and not np.isnan(measured_v[:, dof]).all()
             if rows < 4:
                 cov[:, dof, 0, 0] = noise.qpos[column] ** 2
@@ -170,7 +173,7 @@ def smoothed(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -
                     r.time,
                     r.qpos[:, column],
                     measured_v[:, dof] if usable else None,
-                    np.hypot(noise.qpos[column], noise.stamp * _speed(r.time, r.qpos[:, column])),
+                    np.sqrt(level**2 + held**2 + (noise.stamp * _speed(r.time, r.qpos[:, column])) ** 2),
                     float(noise.qvel[dof]) if usable else 1.0,
                 )
             )

@@ -234,5 +234,5 @@ def _windows(d: Result, q0: Array, commands: Array, dt: float) -> Windows:
         np.zeros((count, m.na)), np.concatenate([np.repeat(commands[:, :1], before, 1), commands], 1),
         np.tile(grid, (count, 1)), np.ones((count, n), bool), np.tile(q0, (count, n, 1)),
         np.full((count, n, m.nv), np.nan), np.zeros((count, m.nv, 2)),
-        np.zeros((count, n), bool), np.zeros((count, n, m.nv)),
+        np.zeros((count, n), bool), *np.zeros((2, count, n, m.nv)),
     )  # fmt: skip

@@ -9,6 +9,8 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.machine.joint_space import _parts
+from mpge_jax.diagnosis.recordings.coarse_encoders import held_error
 from mpge_jax.diagnosis.recordings.recording import Recording, longest_step
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.actuator_state import activations, settling
@@ -36,6 +38,7 @@ class Windows:
         moved: [W, nv, 2] by how much the windows start elsewhere than estimated (`initial_states`), in columns of
             `root`.
         drift: [W, N, nv] by how much the machine moves within the deviation of a time stamp, which may be off by that.
+        held: [W, N, nv] deviation of positions for rounding that rows share (`held_error`).
     """
 
     sources: tuple[Source, ...]
@@ -55,6 +58,7 @@ class Windows:
     moved: Array
     lead: Array
     drift: Array
+    held: Array
 
     @property
     def shift(self) -> Array:
@@ -100,6 +104,7 @@ class Windows:
             "moved",
             "lead",
             "drift",
+            "held",
         )
         return replace(self, **{k: getattr(self, k)[index] for k in keys})
 
@@ -130,6 +135,7 @@ class Windows:
             qvel=self.qvel[:, :rows],
             lead=np.zeros_like(lead),
             drift=self.drift[:, :rows],
+            held=self.held[:, :rows],
         )
 
     def later(self, seconds: float) -> Windows:
@@ -288,11 +294,13 @@ def cut(
     nq, nv = model.nq, model.nv
     times, seen = np.zeros((w, n)), np.zeros((w, n), bool)
     qpos, qvel = np.full((w, n, nq), np.nan), np.full((w, n, nv), np.nan)
-    drift = np.zeros((w, n, nv))
+    drift, held = np.zeros((2, w, n, nv))
     q0, v0, root = np.zeros((w, nq)), np.zeros((w, nv)), np.zeros((w, nv, 2, 2))
     act0 = np.zeros((w, model.na))
     start = np.zeros(w)
-    held = {i: activations(model, sources[i]) for i in {i for i, _, _ in found}}
+    each = {i for i, _, _ in found}
+    activation = {i: activations(model, sources[i]) for i in each}
+    rounded = {i: _held(sources[i].recording, model, noise) for i in each}
     for k, ((i, a, _), inside) in enumerate(zip(found, rows, strict=True)):
         s = sources[i]
         r = s.recording
@@ -301,18 +309,28 @@ def cut(
         times[k, :m], seen[k, :m] = r.time[inside] - r.time[a], True
         qpos[k, :m] = r.qpos[inside]
         drift[k, :m] = noise.stamp * s.states.qvel[inside]
+        held[k, :m] = rounded[i][inside]
         if r.qvel is not None:
             qvel[k, :m] = r.qvel[inside]
         q0[k], v0[k] = s.states.qpos[a], s.states.qvel[a]
         root[k] = factors(s.states.cov[a])
-        act0[k] = held[i][a]
+        act0[k] = activation[i][a]
     qvel[:, :, ~np.isfinite(noise.qvel)] = np.nan
     source = np.array([i for i, _, _ in found], dtype=int)
     command = _commands(sources, source, start, dt * np.arange(-before, steps + 1), model.nu)
     return Windows(
         sources, source, start, dt, steps, q0, v0, root, act0, command, times, seen, qpos, qvel,
-        np.zeros((w, nv, 2)), np.zeros_like(seen), drift,
+        np.zeros((w, nv, 2)), np.zeros_like(seen), drift, held,
     )  # fmt: skip
+
+
+def _held(r: Recording, model: mujoco.MjModel, noise: Noise) -> Array:
+    """[T, nv] `held_error` of a recording's positions."""
+    out = np.zeros((r.time.size, model.nv))
+    columns, dofs, _ = _parts(model)
+    for column, dof in zip(columns, dofs, strict=True):
+        out[:, dof] = held_error(r.qpos[:, column], float(noise.quantum[column]), float(noise.qpos[column]))
+    return out
 
 
 def _commands(sources: tuple[Source, ...], source: Array, start: Array, grid: Array, nu: int) -> Array:

@@ -25,7 +25,7 @@ from mpge_jax.diagnosis.selection.criteria import may_be_none
 from mpge_jax.diagnosis.selection.procedure import Decision
 from mpge_jax.diagnosis.selection.remainder import leaves
 from mpge_jax.diagnosis.selection.search_state import Search
-from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING
+from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING, SLIGHT
 from mpge_jax.diagnosis.verdict.beside_functions import without_needless
 from mpge_jax.diagnosis.verdict.location import by_joint
 from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_of_motion, left_there, matters
@@ -115,7 +115,7 @@ def judge(
         told |= {"of": MOTION_ITSELF} if held.flies_away else {}
         beside = left_of_motion(p, found.fit, told["at"], held)
         there = left_there(p, told["at"], held, p.sim.rugged(left.fit.hypothesis))
-        if matters(there, {}) and not matters(share, beside):
+        if share <= SLIGHT < there:
             told |= {"share": number(there), "of": MOTION_THERE}
         unexplained = told if functions or matters(max(share, there), beside) else None
     if unexplained is not None:

@@ -76,19 +76,22 @@ def left_of_motion(p: Prepared, f: Fitted, at: Sequence[str], report: FitReport)
 
 
 def left_there(p: Prepared, at: Sequence[str], report: FitReport, rugged: bool) -> float:
-    """Share of the squared error of the model as given at the joints where something is left that is left of it, which
-    may drown in what others had; 0 where noise may leave as much, and where things strike each other, as impacts do.
+    """Share that is left of the squared error of the model as given at a joint where something is left; the most of
+    these. It may drown in what others had. 0 where noise may leave as much, and where things strike each other, as
+    impacts do.
 
     Args:
         at, report: as in `left_of_motion`.
     """
-    here = np.isin(p.model.dof_jntid, [j for name in at for j in joints_at(p, name)])
-    after, before = report.after.joint[here], report.no_more_than_moved(report.before.joint)[here]
-    noise = not np.nanmax(after, initial=0.0) > MEANS_SOMETHING * report.floor
-    if rugged or noise:
-        return 0.0
-    left, whole = (float(np.nansum(np.maximum(x**2 - report.floor**2, 0.0))) for x in (after, before))
-    return min(left / max(whole, 1e-300), 1.0)
+    most = 0.0
+    for joint in {j for name in at for j in joints_at(p, name)}:
+        here = p.model.dof_jntid == joint
+        after, before = report.after.joint[here], report.no_more_than_moved(report.before.joint)[here]
+        if rugged or not np.nanmax(after, initial=0.0) > MEANS_SOMETHING * report.floor:
+            continue
+        left, whole = (float(np.nansum(np.maximum(x**2 - report.floor**2, 0.0))) for x in (after, before))
+        most = max(most, min(left / max(whole, 1e-300), 1.0))
+    return most
 
 
 def matters(share: float, beside: Mapping[Term, Beside]) -> bool:

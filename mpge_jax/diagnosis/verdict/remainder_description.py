@@ -58,21 +58,20 @@ def _drive(p: Prepared, w: Windows, missing: Probed) -> tuple[int, Array] | None
 
 
 def _likeliest(missing: tuple[Probed, Probed], dofs: list[int]) -> list[int]:
-    """The degree of freedom at which missing force alone explains most, and another one that does so nearly as well.
+    """The degree of freedom at which missing force alone leaves least, and another one that does so nearly as well.
 
     Force that is allowed everywhere at once (`Probed.by_dof`) finds some at every joint where windows last longer than
     the force does, or contacts scatter them.
     """
-    explained, lefts, wholes = [], [], []
+    lefts, wholes = [], []
     for part in missing:
         windows, nv = part.push.shape
         alone, whole = part.along(np.broadcast_to(np.eye(nv)[dofs], (windows, len(dofs), nv)))
-        explained.append(alone)
         lefts.append(np.maximum(whole[:, None] - alone, 0.0))
         wholes.append(whole)
     # few windows may be beyond all measure
-    most, left, whole = (np.log1p(np.concatenate(x)).mean(0) for x in (explained, lefts, wholes))
-    first, *others = np.argsort(-most, kind="stable")[:2]
+    left, whole = (np.log1p(np.concatenate(x)).mean(0) for x in (lefts, wholes))
+    first, *others = np.argsort(left, kind="stable")[:2]
     near = [d for d in others if left[d] - left[first] < ALIKE * (whole - left[first])]
     return [dofs[d] for d in (first, *near)]
 

@@ -155,6 +155,7 @@ def test_what_is_left_at_its_joint_counts_by_what_was_missed_there():
     assert report.left(rugged=False) ** 2 < SLIGHT
     assert left_there(P, ["elbow"], report, False) == pytest.approx((0.49 - 0.01) / (0.64 - 0.01))
     assert left_there(P, ["shoulder"], report, False) == 0.0
+    assert left_there(P, ["shoulder", "elbow"], report, False) == left_there(P, ["elbow"], report, False)
     # noise may leave that, and impacts do
     assert left_there(P, ["elbow"], _report([20.0, 0.8], [0.1, 0.19]), False) == 0.0
     assert left_there(P, ["elbow"], report, True) == 0.0
