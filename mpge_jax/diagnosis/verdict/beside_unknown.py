@@ -8,21 +8,21 @@ for beside it. Else they are searched for at the other joints while its own move
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, fit_report, judged, left_out
 from mpge_jax.diagnosis.evidence.scored import Reached
-from mpge_jax.diagnosis.residual.model import with_function
+from mpge_jax.diagnosis.residual.model import Function, with_function
 from mpge_jax.diagnosis.residual.motion import functions_of_motion
 from mpge_jax.diagnosis.selection.confirmation import predicts_better
 from mpge_jax.diagnosis.selection.procedure import Decision, decide, look, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, REMAINS
-from mpge_jax.diagnosis.verdict.elsewhere import elsewhere
+from mpge_jax.diagnosis.verdict.elsewhere import elsewhere, much_is_left
 from mpge_jax.diagnosis.verdict.part_of_unknown import slightly_left
 from mpge_jax.diagnosis.verdict.remainder_description import describe
 
@@ -91,20 +91,36 @@ def _beside_functions(
         if not _far_better(p, unknown, both):
             return None
     say("looking for what acts beside it")
-    beside = _found_beside(p, s, unknown, at, say)
-    fit = beside.fit
+    first, *further = functions
+    beside = _found_beside(p, s, [first], [first.term.place.name], say)
+    if further and beside.leaves_much:
+        # what acts at another place has a name, unless it is only like that
+        say("looking for what acts beside several such forces")
+        several = _found_beside(p, s, functions, at, say)
+        beside = several if predicts_better(p, several.whole, beside.whole) else beside
+    fit = beside.found.fit
     noise, left = what_is_left(p, fit, s)
     p.warnings += left_out([t for t in named if t not in fit.hypothesis.terms], LIKE)
-    return Decision(fit, beside.rivals, noise, left, s)
+    return Decision(fit, beside.found.rivals, noise, left, s)
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """What was found beside functions, both together, and whether that leaves more than a detail."""
+
+    found: Decision
+    whole: Fitted
+    leaves_much: bool
 
 
 def _found_beside(
-    p: Prepared, s: Search, unknown: Fitted, at: list[str], say: Callable[[str], None]
-) -> Decision:
+    p: Prepared, s: Search, functions: list[Function], at: list[str], say: Callable[[str], None]
+) -> _Beside:
     """What is found beside functions, and these told beside that in turn until it stays: functions that were told
     without it stand for some of it, and leave the rest to others."""
     known = NOTHING
     for left in reversed(range(ROUNDS)):
+        unknown = _with(p, NOTHING, functions)
         with_it = replace(p, sim=p.sim.beside(unknown.hypothesis, unknown.theta))
         search = build_search(with_it, say, p.config.decide_s)
         search.resume = Reached(known)
@@ -113,15 +129,19 @@ def _found_beside(
         search.log.clear()
         if looked.fit.hypothesis == known.hypothesis or not left:
             break
-        functions, _ = functions_of_motion(p, s, looked.fit, at)
-        if not functions:
+        again, _ = functions_of_motion(p, s, looked.fit, at)
+        if not again:
             break
-        known, unknown = looked.fit, NOTHING
-        for function in functions:
-            unknown = with_function(p.ctx, unknown, function.term, function.theta)
+        known, functions = looked.fit, again
     found, _ = tested(with_it, search, decide(with_it, search, say, looked))
     s.log += search.log
-    return found
+    return _Beside(found, _with(p, found.fit, functions), much_is_left(with_it, search, found))
+
+
+def _with(p: Prepared, f: Fitted, functions: list[Function]) -> Fitted:
+    for function in functions:
+        f = with_function(p.ctx, f, function.term, function.theta)
+    return f
 
 
 def _far_better(p: Prepared, new: Fitted, old: Fitted) -> bool:

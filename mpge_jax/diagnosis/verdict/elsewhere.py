@@ -64,7 +64,7 @@ def elsewhere(
         ]
         others, _ = tested(machine, search, decide(machine, search, say))
         s.log += search.log
-        if not _much_is_left(machine, search, others):
+        if not much_is_left(machine, search, others):
             break
     else:
         return None
@@ -82,11 +82,11 @@ def elsewhere(
     return Decision(fit, rivals, noise, left, s)
 
 
-def _much_is_left(machine: Prepared, s: Search, others: Decision) -> bool:
-    """Whether more than a detail is left of the other joints' motion."""
-    if others.left is None:
+def much_is_left(machine: Prepared, s: Search, found: Decision) -> bool:
+    """Whether a search on a machine leaves more than a detail."""
+    if found.left is None:
         return False
-    return not slightly_left(machine, s, others, describe(machine, others.left, 1.0)["at"])
+    return not slightly_left(machine, s, found, describe(machine, found.left, 1.0)["at"])
 
 
 def _tells_more(s: Search, new: Fitted, old: Fitted) -> bool:

@@ -111,6 +111,34 @@ def test_what_never_stays_is_told_beside_the_last_functions(asked):
     assert answer.fit is gain and len(asked.told) == 2 + module.ROUNDS - 1
 
 
+@pytest.mark.parametrize("better", [True, False])
+@pytest.mark.parametrize("much", [True, False])
+def test_a_name_at_the_second_place_stays_unless_functions_at_both_predict_better(
+    asked, monkeypatch, much, better
+):
+    """Damping is found beside a function at one place; with a second function in its place nothing is."""
+    damping, second = fitted(asked.s, {DAMPING: [0.02]}), Function(Term("second", HINGE), np.zeros(1), None)
+    tried = []
+
+    def found_beside(_p, _s, functions, at, _say):
+        tried.append((functions, at))
+        fit = damping if functions == [RUBS] else NOTHING
+        return module._Beside(Decision(fit, {}, Floor(), None, asked.s), fit, much)
+
+    monkeypatch.setattr(module, "_found_beside", found_beside)
+    monkeypatch.setattr(module, "_far_better", lambda *_: True)
+    monkeypatch.setattr(module, "functions_of_motion", lambda _p, _s, f, _at: ([RUBS, second], f))
+    monkeypatch.setattr(module, "predicts_better", lambda _p, new, old: better and old is damping)
+    found = Decision(fitted(asked.s, {GAIN: [0.9]}), {}, Floor(), None, asked.s)
+    answer = module._beside_functions(
+        asked.p, asked.s, found, ["hinge", "other"], ["hinge"], lambda _text: None
+    )
+    assert tried[0] == ([RUBS], ["hinge"]) and tried[1:] == (
+        [([RUBS, second], ["hinge", "other"])] if much else []
+    )
+    assert answer.fit is (NOTHING if much and better else damping)
+
+
 def test_far_better_takes_windows_enough_to_say_so(asked, monkeypatch):
     """Dry friction of 0.1 N m, beside a wrong gain."""
     p, right, wrong = asked.p, fitted(asked.s, {COULOMB: [0.1]}), fitted(asked.s, {GAIN: [0.9]})

@@ -84,7 +84,7 @@ def test_joints_are_tried_until_nothing_is_left_of_the_others(arm, monkeypatch):
     found = Decision(NOTHING, {}, Floor(), None, s)
     p.warnings[:] = ["before"]
     monkeypatch.setattr(module, "_tells_more", lambda *_: True)
-    monkeypatch.setattr(module, "_much_is_left", lambda _machine, _search, others: others.left is not None)
+    monkeypatch.setattr(module, "much_is_left", lambda _machine, _search, others: others.left is not None)
     guided = _answers(monkeypatch, True, False, True, True, True)
     answer = elsewhere(p, s, found, ["elbow", "elbow_servo", "shoulder"], QUIET)
     assert answer is not None and answer.fit is NOTHING and guided == [1, 0]
