@@ -325,22 +325,28 @@ def test_what_came_before_a_log_is_nothing_unexplained():
     assert left is not None and len(left["intervals"]) == 8
 
 
-def test_a_delay_is_not_called_a_lag_beside_it():
+@pytest.mark.parametrize("rows_late", [1, 8])
+def test_a_delay_is_not_called_a_lag_beside_it(rows_late):
+    """However far it is from where the search begins. Between two rows every delay makes the same forces."""
     model = mujoco.MjModel.from_xml_string(MOTOR)
     rng, logs = np.random.default_rng(0), []
     for k in range(6):
         t = 0.01 * np.arange(400)
-        u = np.sin(np.outer(t, rng.uniform(3, 25, 6)) + rng.uniform(0, 6, 6)).sum(1)
+        u = np.sin(np.outer(t, rng.uniform(3, 25, 6) / rows_late) + rng.uniform(0, 6, 6)).sum(1)
         grid = np.repeat(u, 2)
-        force = np.concatenate([u[:1], u[:1], u[:-2]]) + 1e-2 * rng.standard_normal(400)
+        force = np.concatenate([np.full(rows_late + 1, u[0]), u[: -rows_late - 1]])
+        force += 1e-2 * rng.standard_normal(400)
         rest, rows = np.zeros(400), np.arange(400)
         logs.append(Log(f"run_{k}", t, grid[None], 2 * rows, force, rest, rest, 16 * k + rows // 25))
     data = Data(logs[:4], logs[4:], 1e-2, 0.005)
     ctx = dataclasses.replace(nominal_context(model), drive=np.array([3.0]), period=0.01)
     found = search_law(model, ctx, Place("actuator", "motor", 0), data, ["actuator_lag", "actuator_delay"])
     assert [t.id for t in found.hypothesis.terms] == ["actuator_delay"]
-    # a force that is seen at the rows alone tells the delay to a row
-    assert 0.01 <= found.theta[0] <= 0.02
+    # a force that is seen at the rows alone tells the delay to a row, in the middle of those that are as likely
+    least, most = 0.01 * rows_late, 0.01 * (rows_late + 1)
+    assert least < found.theta[0] <= most
+    deviation = float(np.sqrt(found.cov[0, 0]))
+    assert 0.0005 < deviation < 0.005
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.estimation.whitening import row_scale
+from mpge_jax.diagnosis.evidence import null_distribution
 from mpge_jax.diagnosis.recordings.coarse_encoders import REACH, held_error
+from tests.diagnosis.machines import FINE_PENDULUM, record
+from tests.diagnosis.searches import prepared_of
 
 STEP = 2 * np.pi / 4096
 ROUNDED = STEP / np.sqrt(12)
@@ -38,3 +46,39 @@ def test_what_the_mean_of_readings_errs_by_at_rest_is_what_is_said(white):
     sigma = np.sqrt(ROUNDED**2 + (white * STEP) ** 2)
     said = np.hypot(sigma, held_error(np.full(rows, 0.3), STEP, sigma).max()) / np.sqrt(rows)
     assert errs == pytest.approx(said, rel=0.3)
+
+
+@pytest.fixture(scope="module")
+def coarse() -> Prepared:
+    """A pendulum that swings and comes to rest, read by an encoder of 512 steps a turn."""
+    damped = FINE_PENDULUM.replace('damping="0.02"', 'damping="0.6"')
+    step = 2 * np.pi / 512
+    recordings = record(damped, 0.15, noise=1e-6)
+    return prepared_of(damped, [replace(r, qpos=np.round(r.qpos / step) * step) for r in recordings])
+
+
+def test_windows_and_states_hold_that_readings_are_rounded_alike(coarse):
+    w = coarse.windows("train", 0.25, 40)
+    assert coarse.noise.quantum[0] == pytest.approx(2 * np.pi / 512)
+    assert w.held.max() > 2.0 * coarse.noise.qpos[0]
+    scale = row_scale(coarse.noise, coarse.model, w)[..., :1]
+    np.testing.assert_allclose(scale**2, coarse.noise.qpos[0] ** 2 + w.held**2)
+    # a mean of readings at rest is known no better than a rounding is
+    each = np.concatenate([s.states.cov[:, 0, 0, 0] for s in coarse.train])
+    assert np.sqrt(each.max()) > 0.8 * coarse.noise.quantum[0] / np.sqrt(12)
+
+
+def test_what_noise_leaves_is_told_with_readings_rounded_as_they_are(coarse, monkeypatch):
+    told = []
+    own = null_distribution.smoothed
+
+    def smoothed(segments, model, noise):
+        told.extend(segments)
+        return own(segments, model, noise)
+
+    monkeypatch.setattr(null_distribution, "smoothed", smoothed)
+    assert null_distribution.floor(coarse, NOTHING, 0.25).loss < 1.5
+    for r in told:
+        code = (r.qpos - r.qpos[0]) / coarse.noise.quantum[0]
+        np.testing.assert_allclose(code, np.round(code), atol=1e-6)
+    assert told
