@@ -18,7 +18,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import default_places
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.machine.joint_space import _parts
+from mpge_jax.diagnosis.machine.joint_space import columns_of
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.cheaper_steps import changes
@@ -105,7 +105,7 @@ def column_scale(noise: Noise, model) -> Array:
     """Noise deviations [2 nv] in joint space."""
 
     scale = np.full(2 * model.nv, np.inf)
-    columns, dofs, quats = _parts(model)
+    columns, dofs, quats = columns_of(model)
     scale[dofs] = noise.qpos[columns]
     for q, v in quats:
         scale[v : v + 3] = noise.angle(q)

@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.estimation.whitening import (
     robust_loss,
     whitener_beside,
 )
-from mpge_jax.diagnosis.machine.joint_space import _parts, integrate
+from mpge_jax.diagnosis.machine.joint_space import columns_of, integrate
 from mpge_jax.diagnosis.machine.model import compile_variable, has_plain_law
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.recordings.recording import Recording
@@ -207,7 +207,7 @@ def _simulated(
     out = []
     noise = prepared.noise
     scale = column_scale(noise, m)[: m.nv]
-    columns, dofs, _ = _parts(m)
+    columns, dofs, _ = columns_of(m)
     step = np.zeros(m.nv)
     step[dofs] = noise.quantum[columns]
     # readings are rounded, as encoders do

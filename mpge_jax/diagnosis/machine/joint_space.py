@@ -8,7 +8,7 @@ import numpy as np
 Array = np.ndarray
 
 
-def _parts(model: mujoco.MjModel) -> tuple[Array, Array, list[tuple[int, int]]]:
+def columns_of(model: mujoco.MjModel) -> tuple[Array, Array, list[tuple[int, int]]]:
     """(qpos columns, dofs) that add like numbers, and (qpos column, dof) of quaternions."""
     columns, dofs, quats = [], [], []
     for j in range(model.njnt):
@@ -34,7 +34,7 @@ def multiply(a: Array, b: Array) -> Array:
 
 def difference(model: mujoco.MjModel, start: Array, end: Array) -> Array:
     """Tangent vector [..., nv] that leads from `start` to `end` [..., nq] (body frame for rotations)."""
-    columns, dofs, quats = _parts(model)
+    columns, dofs, quats = columns_of(model)
     out = np.empty((*np.broadcast_shapes(start.shape, end.shape)[:-1], model.nv))
     out[..., dofs] = end[..., columns] - start[..., columns]
     for q, v in quats:
@@ -50,7 +50,7 @@ def difference(model: mujoco.MjModel, start: Array, end: Array) -> Array:
 
 def integrate(model: mujoco.MjModel, start: Array, move: Array) -> Array:
     """Position [..., nq] that lies a tangent vector [..., nv] away from `start`."""
-    columns, dofs, quats = _parts(model)
+    columns, dofs, quats = columns_of(model)
     out = start.copy()
     out[..., columns] += move[..., dofs]
     for q, v in quats:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.machine.joint_space import columns_of
 from mpge_jax.diagnosis.machine.model import Names, is_scalar
 from mpge_jax.diagnosis.recordings import recorded_velocities
 from mpge_jax.diagnosis.recordings.clock_noise import stamp_deviation
-from mpge_jax.diagnosis.recordings.coarse_encoders import held_error
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
-from mpge_jax.diagnosis.recordings.noise_level import column_noise
+from mpge_jax.diagnosis.recordings.noise_level import column_noise, held_error
 from mpge_jax.diagnosis.recordings.recording import Recording
 
 Array = np.ndarray
@@ -67,17 +67,10 @@ class States:
     cov: Array
 
 
-def _dof_of_column(model: mujoco.MjModel) -> dict[int, int]:
+def _dofs(model: mujoco.MjModel) -> dict[int, int]:
     """qpos column -> dof, of every joint that is not a quaternion."""
-    out = {}
-    for j in range(model.njnt):
-        q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
-        kind = model.jnt_type[j]
-        if is_scalar(model, j):
-            out[q] = v
-        elif kind == mujoco.mjtJoint.mjJNT_FREE:
-            out.update({q + i: v + i for i in range(3)})
-    return out
+    columns, dofs, _ = columns_of(model)
+    return {int(c): int(d) for c, d in zip(columns, dofs, strict=True)}
 
 
 def estimate(
@@ -90,7 +83,7 @@ def estimate(
     """
     warnings: list[str] = []
     qpos_noise, quanta = np.full(model.nq, np.nan), np.zeros(model.nq)
-    times, dofs = [r.time for r in recordings], _dof_of_column(model)
+    times, dofs = [r.time for r in recordings], _dofs(model)
     stamp = stamp_deviation(times, [[r.qpos[:, c] for r in recordings] for c in dofs])
     for c in range(model.nq):
         qpos_noise[c], quanta[c] = column_noise(
@@ -143,7 +136,7 @@ def _as_others(recordings: list[Recording], model: mujoco.MjModel, noise: Array,
 
 def smoothed(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -> list[States]:
     """States along recordings whose noise is known."""
-    dofs = _dof_of_column(model)
+    dofs = _dofs(model)
     series: list[Series] = []
     owner: list[tuple[int, int, int]] = []
     states = []

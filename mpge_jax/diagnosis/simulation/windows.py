@@ -9,8 +9,8 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.machine.joint_space import _parts
-from mpge_jax.diagnosis.recordings.coarse_encoders import held_error
+from mpge_jax.diagnosis.machine.joint_space import columns_of
+from mpge_jax.diagnosis.recordings.noise_level import held_error
 from mpge_jax.diagnosis.recordings.recording import Recording, longest_step
 from mpge_jax.diagnosis.recordings.states import Noise
 from mpge_jax.diagnosis.simulation.actuator_state import activations, settling
@@ -327,7 +327,7 @@ def cut(
 def _held(r: Recording, model: mujoco.MjModel, noise: Noise) -> Array:
     """[T, nv] `held_error` of a recording's positions."""
     out = np.zeros((r.time.size, model.nv))
-    columns, dofs, _ = _parts(model)
+    columns, dofs, _ = columns_of(model)
     for column, dof in zip(columns, dofs, strict=True):
         out[:, dof] = held_error(r.qpos[:, column], float(noise.quantum[column]), float(noise.qpos[column]))
     return out

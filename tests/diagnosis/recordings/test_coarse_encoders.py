@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.whitening import row_scale
 from mpge_jax.diagnosis.evidence import null_distribution
-from mpge_jax.diagnosis.recordings.coarse_encoders import REACH, held_error
+from mpge_jax.diagnosis.recordings.noise_level import REACH, held_error
 from tests.diagnosis.machines import FINE_PENDULUM, record
 from tests.diagnosis.searches import prepared_of
 
