@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,7 +74,11 @@ def worthwhile(found: list[Function], before: float, after: float) -> ResidualMo
 
 def with_residual(ctx: Context, f: Fitted, r: ResidualModel) -> Fitted:
     """`f` with all of the functions."""
-    for function in r.functions:
+    return with_functions(ctx, f, r.functions)
+
+
+def with_functions(ctx: Context, f: Fitted, functions: Sequence[Function]) -> Fitted:
+    for function in functions:
         f = with_function(ctx, f, function.term, function.theta)
     return f
 

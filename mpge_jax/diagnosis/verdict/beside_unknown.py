@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, fit_report, judged, left_out
 from mpge_jax.diagnosis.evidence.scored import Reached
-from mpge_jax.diagnosis.residual.model import Function, with_function
+from mpge_jax.diagnosis.residual.model import Function, with_functions
 from mpge_jax.diagnosis.residual.motion import functions_of_motion
 from mpge_jax.diagnosis.selection.confirmation import predicts_better
 from mpge_jax.diagnosis.selection.procedure import Decision, decide, look, tested, what_is_left
@@ -91,13 +91,17 @@ def _beside_functions(
         if not _far_better(p, unknown, both):
             return None
     say("looking for what acts beside it")
-    first, *further = functions
+    (first, *further), before = functions, list(p.warnings)
     beside = _found_beside(p, s, [first], [first.term.place.name], say)
     if further and beside.leaves_much:
         # what acts at another place has a name, unless it is only like that
         say("looking for what acts beside several such forces")
+        warnings, p.warnings[:] = list(p.warnings), before
         several = _found_beside(p, s, functions, at, say)
-        beside = several if predicts_better(p, several.whole, beside.whole) else beside
+        if predicts_better(p, several.whole, beside.whole):
+            beside = several
+        else:
+            p.warnings[:] = warnings
     fit = beside.found.fit
     noise, left = what_is_left(p, fit, s)
     p.warnings += left_out([t for t in named if t not in fit.hypothesis.terms], LIKE)
@@ -120,7 +124,7 @@ def _found_beside(
     without it stand for some of it, and leave the rest to others."""
     known = NOTHING
     for left in reversed(range(ROUNDS)):
-        unknown = _with(p, NOTHING, functions)
+        unknown = with_functions(p.ctx, NOTHING, functions)
         with_it = replace(p, sim=p.sim.beside(unknown.hypothesis, unknown.theta))
         search = build_search(with_it, say, p.config.decide_s)
         search.resume = Reached(known)
@@ -135,13 +139,7 @@ def _found_beside(
         known, functions = looked.fit, again
     found, _ = tested(with_it, search, decide(with_it, search, say, looked))
     s.log += search.log
-    return _Beside(found, _with(p, found.fit, functions), much_is_left(with_it, search, found))
-
-
-def _with(p: Prepared, f: Fitted, functions: list[Function]) -> Fitted:
-    for function in functions:
-        f = with_function(p.ctx, f, function.term, function.theta)
-    return f
+    return _Beside(found, with_functions(p.ctx, found.fit, functions), much_is_left(with_it, search, found))
 
 
 def _far_better(p: Prepared, new: Fitted, old: Fitted) -> bool:

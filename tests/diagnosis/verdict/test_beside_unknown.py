@@ -123,6 +123,7 @@ def test_a_name_at_the_second_place_stays_unless_functions_at_both_predict_bette
     def found_beside(_p, _s, functions, at, _say):
         tried.append((functions, at))
         fit = damping if functions == [RUBS] else NOTHING
+        asked.p.warnings.append(str(len(functions)))
         return module._Beside(Decision(fit, {}, Floor(), None, asked.s), fit, much)
 
     monkeypatch.setattr(module, "_found_beside", found_beside)
@@ -130,6 +131,7 @@ def test_a_name_at_the_second_place_stays_unless_functions_at_both_predict_bette
     monkeypatch.setattr(module, "functions_of_motion", lambda _p, _s, f, _at: ([RUBS, second], f))
     monkeypatch.setattr(module, "predicts_better", lambda _p, new, old: better and old is damping)
     found = Decision(fitted(asked.s, {GAIN: [0.9]}), {}, Floor(), None, asked.s)
+    asked.p.warnings[:] = ["before"]
     answer = module._beside_functions(
         asked.p, asked.s, found, ["hinge", "other"], ["hinge"], lambda _text: None
     )
@@ -137,6 +139,8 @@ def test_a_name_at_the_second_place_stays_unless_functions_at_both_predict_bette
         [([RUBS, second], ["hinge", "other"])] if much else []
     )
     assert answer.fit is (NOTHING if much and better else damping)
+    assert asked.p.warnings[:2] == ["before", "2" if much and better else "1"]
+    assert len(asked.p.warnings) == 3 and asked.p.warnings[2].startswith("actuator gain at motor")
 
 
 def test_far_better_takes_windows_enough_to_say_so(asked, monkeypatch):
