@@ -240,6 +240,7 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) ->
     for i in flat:
         # it is one of those that change nothing, each as likely as another
         others = theta + np.linspace(-far, far, ALIKE)[:, None] * np.eye(len(params))[i]
+        others = others[(others[:, i] >= low[i]) & (others[:, i] <= high[i])]
         alike = [x[i] for x in others if cost(within(x)) < (1.0 + 1e-4) * out.cost]
         first, last = min([theta[i], *alike]), max([theta[i], *alike])
         theta[i], cov[i, i] = (first + last) / 2, (last - first) ** 2 / 12
