@@ -228,6 +228,15 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) ->
         if least > (1.0 - GAIN) * out.cost:
             break
         out = solved(np.array(x))
+    # a command arrives or does not: what lies between two points of the grid would be a mean of two
+    for i in _delays(ctx, start):
+        k = out.x[i] * scale[i] / d.dt
+        each = [
+            np.where(np.arange(len(params)) == i, n * d.dt / scale, out.x) for n in (np.floor(k), np.ceil(k))
+        ]
+        out.cost, out.x = min(
+            ((cost(x), x) for x in map(lambda x: within(x * scale), each)), key=lambda c: c[0]
+        )
     theta, far = out.x * scale, 4.0 * d.dt
     # covariance clustered by block: the residual of a drive is not white
     j, r = out.jac / scale, scaled(out.x)
@@ -245,6 +254,12 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) ->
         first, last = min([theta[i], *alike]), max([theta[i], *alike])
         theta[i], cov[i, i] = (first + last) / 2, (last - first) ** 2 / 12
     return replace(start, theta=theta, cov=cov, loss=float(out.cost))
+
+
+def _delays(ctx: Context, f: Fitted) -> list[int]:
+    """Indices of the parameters that are delays."""
+    parts = zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True)
+    return [part.start for t, part in parts if t.name == "actuator_delay"]
 
 
 def _too_fast(ctx: Context, f: Fitted, dt: float) -> Term | None:
