@@ -229,24 +229,22 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) ->
             break
         out = solved(np.array(x))
     # a command arrives or does not: what lies between two points of the grid would be a mean of two
-    for i in _delays(ctx, start):
-        k = out.x[i] * scale[i] / d.dt
-        each = [
-            np.where(np.arange(len(params)) == i, n * d.dt / scale, out.x) for n in (np.floor(k), np.ceil(k))
-        ]
-        out.cost, out.x = min(
-            ((cost(x), x) for x in map(lambda x: within(x * scale), each)), key=lambda c: c[0]
-        )
+    delays = _delays(ctx, start)
+    for i in delays:
+        points = d.dt * np.array([np.floor(out.x[i] * scale[i] / d.dt), np.ceil(out.x[i] * scale[i] / d.dt)])
+        each = np.tile(out.x * scale, (2, 1))
+        each[:, i] = points
+        out.cost, x = min((cost(x), tuple(x)) for x in map(within, each))
+        out.x = np.array(x)
     theta, far = out.x * scale, 4.0 * d.dt
     # covariance clustered by block: the residual of a drive is not white
     j, r = out.jac / scale, scaled(out.x)
-    flat = [i for i in times if (d.dt * j[:, i]) @ (d.dt * j[:, i]) < 1.0]
-    j[:, flat] = 0.0
+    j[:, delays] = 0.0
     _, index = np.unique(np.concatenate([log.block for log in d.train]), return_inverse=True)
     scores = np.stack([np.bincount(index, j[:, i] * r) for i in range(len(params))], 1)
     bread = np.linalg.pinv(j.T @ j)
     cov = bread @ (scores.T @ scores) @ bread
-    for i in flat:
+    for i in delays:
         # it is one of those that change nothing, each as likely as another
         others = theta + np.linspace(-far, far, ALIKE)[:, None] * np.eye(len(params))[i]
         others = others[(others[:, i] >= low[i]) & (others[:, i] <= high[i])]
