@@ -35,8 +35,9 @@ FAST = 0.3
 """Time constant, in steps of the grid, below which a lag cannot be told from a delay."""
 NEAR = 1e-6
 """Length and speed by which a law is probed for its slopes."""
-STEPS, GAIN = (-4, -2, -1, 1, 2, 4), 1e-2
-"""Points of the grid by which a time is moved while that lowers the cost by this share: a row has at most four."""
+STEPS, GAIN, MOVES = (-4, -2, -1, 1, 2, 4), 1e-2, 60
+"""Points of the grid by which a time is moved (a row has at most four) while that lowers the cost by this share, and
+how often at most."""
 ALIKE = 65
 """Times near a fitted one that are asked whether they change anything."""
 PAUSE = 2.0
@@ -223,9 +224,9 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) ->
     # as long as no command of another row arrives a delay changes nothing, so that no slope leads on from there
     times = np.flatnonzero([p.unit == "s" for p in params])
     steps = [k * d.dt * np.eye(len(params))[i] for i in times for k in STEPS]
-    while steps:
+    for _ in range(MOVES if steps else 0):
         least, x = min((cost(x), tuple(x)) for x in (within(out.x * scale + step) for step in steps))
-        if least > (1.0 - GAIN) * out.cost:
+        if not least < (1.0 - GAIN) * out.cost:
             break
         out = solved(np.array(x))
     # a command arrives or does not: what lies between two points of the grid would be a mean of two
