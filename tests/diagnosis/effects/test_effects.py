@@ -292,7 +292,7 @@ def test_batched_windows_agree_with_single_steps(effect_id):
         (source,), np.zeros(1, int), np.zeros(1), dt, steps, start[None], v0[None],
         np.zeros((1, model.nv, 2, 2)), np.zeros((1, 0)), timeline, time[None, 1:], np.ones((1, steps), bool),
         np.array(want)[None], np.full((1, steps, model.nv), np.nan), np.zeros((1, model.nv, 2)),
-        np.zeros((1, steps), bool), np.zeros((1, steps, model.nv)),
+        np.zeros((1, steps), bool), *np.zeros((2, 1, steps, model.nv)),
     )  # fmt: skip
     sim = Simulator(model, dataclasses.replace(m.ctx))
     residual = sim.residuals([Run(Hypothesis.of(*m.terms), m.thetas[0])], w)[0, 0, :, : model.nv]

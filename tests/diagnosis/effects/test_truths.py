@@ -478,7 +478,7 @@ def test_the_motors_past_knows_the_dead_zone(effect, theta):
                 (source,), np.zeros(1, int), time[400:401], dt, steps, q[400:401], v[400:401], np.zeros((1, 1, 2, 2)),
                 np.zeros((1, 0)), np.full((1, history + steps, 1), force), dt * np.arange(1, steps + 1)[None],
                 np.ones((1, steps), bool), q[None, 401 : 401 + steps], np.full((1, steps, 1), np.nan),
-                np.zeros((1, 1, 2)), np.zeros((1, steps), bool), np.zeros((1, steps, 1)),
+                np.zeros((1, 1, 2)), np.zeros((1, steps), bool), *np.zeros((2, 1, steps, 1)),
             )  # fmt: skip
             run = Run(h, h.gather(ctx, parts))
             got[len(terms), force] = Simulator(model, ctx).residuals([run], w)[0, 0, :, 0]
