@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.drives.drive_laws import Data, Log, between, log_of, residual, search_law
+from mpge_jax.diagnosis.drives.drive_laws import DELAY, Data, Log, between, log_of, residual, search_law
 from mpge_jax.diagnosis.drives.drive_remainder import unexplained_drive
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -28,7 +28,6 @@ from mpge_jax.diagnosis.simulation.force_between_rows import Law, nominal
 from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force, is_servo
 
 Array = np.ndarray
-DELAY = "actuator_delay"
 LATE = {DELAY, "actuator_lag"}
 """Drives whose force does not jump when its command does."""
 MOVING = {"actuator_lag", "back_emf"}

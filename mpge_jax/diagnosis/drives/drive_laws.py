@@ -21,6 +21,7 @@ from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import stroke
 
 Array = np.ndarray
+DELAY = "actuator_delay"
 BLOCK_S = 0.25
 MAX_EFFECTS = 3
 DETAIL, FEW = 0.02, 5
@@ -258,7 +259,7 @@ def _fit(model: mujoco.MjModel, ctx: Context, start: Fitted, a: int, d: Data) ->
 def _delays(ctx: Context, f: Fitted) -> list[int]:
     """Indices of the parameters that are delays."""
     parts = zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True)
-    return [part.start for t, part in parts if t.name == "actuator_delay"]
+    return [part.start for t, part in parts if t.name == DELAY]
 
 
 def _too_fast(ctx: Context, f: Fitted, dt: float) -> Term | None:

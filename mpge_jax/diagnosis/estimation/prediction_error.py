@@ -39,9 +39,7 @@ class Errors:
     @property
     def each(self) -> Array:
         """[W, nv] per window and degree of freedom (NaN where unmeasured)."""
-        seen = np.isfinite(self.curves)
-        square = np.where(seen, np.clip(self.curves, -1e3, 1e3), 0.0) ** 2
-        return np.sqrt(np.where(seen.any(1), square.sum(1) / np.maximum(seen.sum(1), 1), np.nan))
+        return _rms(np.clip(self.curves, -1e3, 1e3), (1,))
 
 
 def errors(
@@ -73,9 +71,13 @@ def errors(
 
 def rms_by_joint(x: Array) -> Array:
     """Rms [nv] over windows and rows of something [W, N, nv] where it is finite (NaN where it never is)."""
+    return _rms(x, (0, 1))
+
+
+def _rms(x: Array, axes: tuple[int, ...]) -> Array:
     seen = np.isfinite(x)
     square = np.where(seen, x, 0.0) ** 2
-    return np.sqrt(np.where(seen.any((0, 1)), square.sum((0, 1)) / np.maximum(seen.sum((0, 1)), 1), np.nan))
+    return np.sqrt(np.where(seen.any(axes), square.sum(axes) / np.maximum(seen.sum(axes), 1), np.nan))
 
 
 def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Array) -> Array:

@@ -246,14 +246,14 @@ def nuisances(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) 
     lagging actuators still have some at the first rows; and by what is not known of guided joints' motion."""
     out = numerics(sim, hypothesis, theta, w)
     run = [Run(hypothesis, theta)]
+    plain = sim.residuals(run, w)[0]
     motions = w.otherwise() if sim.guided else []
     for k, moved in enumerate(motions):
-        change = sim.residuals(run, moved)[0] - sim.residuals(run, w)[0]
-        out[f"{GUIDED} {k}"] = change / np.sqrt(len(motions))
+        out[f"{GUIDED} {k}"] = (sim.residuals(run, moved)[0] - plain) / np.sqrt(len(motions))
     for a in sorted({t.place.index for t in hypothesis.terms if t.effect.commands}):
         other = w.commanded_before(a)
         if other is not None:
-            out[f"{BEFORE} {a}"] = sim.residuals(run, other)[0] - sim.residuals(run, w)[0]
+            out[f"{BEFORE} {a}"] = sim.residuals(run, other)[0] - plain
     return out
 
 
