@@ -229,8 +229,9 @@ def _simulated(
             measured[:, qadr], v = source.state_at(grid, qadr, d)
             speeds[:, d] = v if np.isfinite(noise.qvel[d]) else np.nan
         qpos = integrate(m, measured, change)
-        code = np.round((qpos[:, columns] - measured[:1, columns]) / step)
-        qpos[:, columns] = measured[:1, columns] + code * step
+        # any reading is on the encoder's grid, and the first one may be missing
+        origin = np.fmax.reduce(measured[:, columns], axis=0)
+        qpos[:, columns] = origin + np.round((qpos[:, columns] - origin) / step) * step
         velocity = None
         if np.isfinite(speeds).any():
             scatter = np.where(np.isfinite(noise.qvel), noise.qvel, 0.0)

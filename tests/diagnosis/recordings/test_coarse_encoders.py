@@ -82,3 +82,25 @@ def test_what_noise_leaves_is_told_with_readings_rounded_as_they_are(coarse, mon
         code = (r.qpos - r.qpos[0]) / coarse.noise.quantum[0]
         np.testing.assert_allclose(code, np.round(code), atol=1e-6)
     assert told
+
+
+def test_a_missing_first_reading_takes_no_other_with_it(coarse, monkeypatch):
+    told, cut = [], Prepared.windows
+
+    class Told(Exception):
+        """What is told from here on is another matter."""
+
+    def windows(p, *args, **kwargs):
+        w = cut(p, *args, **kwargs)
+        w.qpos[:, 0] = np.nan
+        return w
+
+    def smoothed(segments, _model, _noise):
+        told.extend(segments)
+        raise Told
+
+    monkeypatch.setattr(Prepared, "windows", windows)
+    monkeypatch.setattr(null_distribution, "smoothed", smoothed)
+    with pytest.raises(Told):
+        null_distribution.floor(coarse, NOTHING, 0.25)
+    assert told and all(np.isnan(r.qpos[0]).all() and np.isfinite(r.qpos[1:]).all() for r in told)
