@@ -10,8 +10,10 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.drives.drive_laws import DELAY, Data, Log, between, log_of, residual, search_law
+from mpge_jax.diagnosis.drives.drive_law import Data, Log, between, log_of, residual
 from mpge_jax.diagnosis.drives.drive_remainder import unexplained_drive
+from mpge_jax.diagnosis.drives.law_fit import DELAY
+from mpge_jax.diagnosis.drives.law_search import search_law
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted

@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.drives.drive_laws import Data, Log, blocks_of, predict
+from mpge_jax.diagnosis.drives.drive_law import Data, Log, blocks_of, predict
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.thresholds import SEVERAL

@@ -13,7 +13,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import MOVING, ActuatorSide
-from mpge_jax.diagnosis.drives.drive_laws import BLOCK_S, log_of, predict
+from mpge_jax.diagnosis.drives.drive_law import BLOCK_S, log_of, predict
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import robust_loss, whitener
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio

@@ -11,9 +11,10 @@ from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.dataset.prepared import Prepared, with_drives
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, diagnose_actuators
-from mpge_jax.diagnosis.drives.drive_laws import Data, Log, predict, search_law
+from mpge_jax.diagnosis.drives.drive_law import Data, Log, predict
 from mpge_jax.diagnosis.drives.drive_remainder import unexplained_drive
 from mpge_jax.diagnosis.drives.driven_machine import as_encoders_read
+from mpge_jax.diagnosis.drives.law_search import search_law
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term

@@ -10,7 +10,7 @@ import pytest
 from mpge_jax.diagnosis import Config, Recording
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.dataset.preparation import prepare
-from mpge_jax.diagnosis.drives.drive_laws import Log, predict
+from mpge_jax.diagnosis.drives.drive_law import Log, predict
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term

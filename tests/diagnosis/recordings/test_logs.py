@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
-from mpge_jax.diagnosis.drives.drive_laws import PAUSE, log_of
+from mpge_jax.diagnosis.drives.drive_law import PAUSE, log_of
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import floor
