@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -9,7 +11,8 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, by_command
-from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
 from mpge_jax.diagnosis.estimation.prediction_error import numerical_floor
 from mpge_jax.diagnosis.estimation.whitening import INTEGRATOR, LATE, STEP
@@ -28,7 +31,7 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING, SLIGHT
 from mpge_jax.diagnosis.verdict.beside_functions import without_needless
 from mpge_jax.diagnosis.verdict.location import by_joint
-from mpge_jax.diagnosis.verdict.part_of_unknown import doubtful, left_of_motion, left_there, matters
+from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, doubtful, left_of_motion, left_there, matters
 from mpge_jax.diagnosis.verdict.remainder_description import MOTION_ITSELF, MOTION_THERE, describe
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -74,6 +77,20 @@ def struck(p: Prepared, found: Decision, held: FitReport) -> list[str]:
     ]
 
 
+@dataclass(frozen=True)
+class _Rest:
+    """What a fit leaves of the motion.
+
+    Attributes:
+        share: of the squared error. told: the entry of `unexplained`; None where that is nothing, or a detail. beside:
+            what is left beside each effect that acts where it is.
+    """
+
+    share: float = 0.0
+    told: dict[str, Any] | None = None
+    beside: Mapping[Term, Beside] = field(default_factory=dict)
+
+
 def judge(
     p: Prepared,
     plain: mujoco.MjModel,
@@ -89,79 +106,89 @@ def judge(
         plain: the nominal model. s: the search that decided. held: errors on test recordings. drives: None where no
             force was measured. functions: of what has no name, for which effects were given up: then it matters.
     """
-    shown = p, found.fit
-    corrected = bool(found.fit.hypothesis.terms)
-    if drives is not None and drives.fits:
-        if not corrected:
-            shown = by_command(p, plain, drives)
-            held = fit_report(*shown, "test")
-        corrected = True
+    shown, corrected = (p, found.fit), bool(found.fit.hypothesis.terms)
+    if drives is not None and drives.fits and not corrected:
+        shown, corrected = by_command(p, plain, drives), True
+        held = fit_report(*shown, "test")
+    train, held, stepped = _beside_numerics(p, found, shown, held)
+    rest = _rest(p, s, found, held, corrected, certain=functions is not None)
+    residual = functions
+    if rest.told is not None and residual is None:
+        s.say("modelling what is left")
+        residual = residual_of_motion(p, s, found.fit, rest.told["at"], shown, held)
+        if residual is not None:
+            doubts = doubtful(rest.beside, None)
+            fewer, its = without_needless(p, s, found, rest.told["at"], residual, held, doubts)
+            if fewer is not found:
+                return judge(p, plain, s, fewer, fit_report(p, fewer.fit, "test"), drives, its)
+    if rest.told is None:
+        p.warnings += [*stepped, *struck(p, found, held)]
+    elif residual is not None:
+        rest.told["when"] = residual.told(rest.told["when"])
+    unexplained = rest.told if drives is None else together([rest.told, *drives.left])
+    whole = found.fit if residual is None else with_residual(p.ctx, found.fit, residual)
+    doubts = () if unexplained is None else (*doubtful(rest.beside, drives), *may_be_none(s, found.fit))
+    return Result(
+        _verdict(found, drives, unexplained),
+        p,
+        found.fit,
+        found.rivals,
+        error_drops(p, whole, held.windows, found.fit.hypothesis.terms),
+        train,
+        held,
+        by_joint(p, s),
+        unexplained,
+        list(dict.fromkeys(p.warnings)),
+        p.config,
+        s.log,
+        drives,
+        remainder=rest.share if unexplained is None else 0.0,
+        residual=residual,
+        doubtful=tuple(dict.fromkeys(doubts)),
+    )
+
+
+def _beside_numerics(
+    p: Prepared, found: Decision, shown: tuple[Prepared, Fitted], held: FitReport
+) -> tuple[FitReport, FitReport, list[str]]:
+    """Errors on training and test recordings beside what noise and the timestep leave of them, and what is to be said
+    of the timestep."""
     # windows of test recordings start from rows that are not compared: start and measurement are as independent there
     # as a floor takes them
     train = fit_report(*shown, "train").above(found.noise.ratio)
     amounts, stepped = numerics_seen(p, found.fit)
+    machine, fit = shown
     train, held = (
-        r.beside(numerical_floor(shown[0].sim, shown[1], r.windows, shown[0].noise, amounts))
-        for r in (train, held)
+        r.beside(numerical_floor(machine.sim, fit, r.windows, machine.noise, amounts)) for r in (train, held)
     )
-    left, share = found.left, 0.0
-    if not corrected and left is None and too_far(p, held):
+    return train, held, stepped
+
+
+def _rest(p: Prepared, s: Search, found: Decision, held: FitReport, corrected: bool, certain: bool) -> _Rest:
+    """What is left, and whether it matters.
+
+    Args:
+        corrected: whether the errors `held` are those of a corrected model. certain: it matters.
+    """
+    left = found.left
+    if left is None and not corrected and too_far(p, held):
         left = leaves(s, found.fit)
-    if left is not None:
-        share = held.left(p.sim.rugged(left.fit.hypothesis)) ** 2 if corrected else 1.0
-    unexplained, residual, beside = None, None, {}
-    if left is not None:
-        told = describe(p, left, share)
-        told |= {"of": MOTION_ITSELF} if held.flies_away else {}
-        beside = left_of_motion(p, found.fit, told["at"], held)
-        there = left_there(p, told["at"], held, p.sim.rugged(left.fit.hypothesis))
-        if share <= SLIGHT < there:
-            told |= {"share": number(there), "of": MOTION_THERE}
-        unexplained = told if functions or matters(max(share, there), beside) else None
+    if left is None:
+        return _Rest()
+    rugged = p.sim.rugged(left.fit.hypothesis)
+    share = held.left(rugged) ** 2 if corrected else 1.0
+    told = describe(p, left, share) | ({"of": MOTION_ITSELF} if held.flies_away else {})
+    beside = left_of_motion(p, found.fit, told["at"], held)
+    there = left_there(p, told["at"], held, rugged)
+    if share <= SLIGHT < there:
+        told |= {"share": number(there), "of": MOTION_THERE}
+    return _Rest(share, told if certain or matters(max(share, there), beside) else None, beside)
+
+
+def _verdict(found: Decision, drives: ActuatorSide | None, unexplained: dict[str, Any] | None) -> str:
     if unexplained is not None:
-        residual = functions
-        if residual is None:
-            s.say("modelling what is left")
-            residual = residual_of_motion(p, s, found.fit, unexplained["at"], shown, held)
-            if residual is not None:
-                fewer, its = without_needless(
-                    p, s, found, unexplained["at"], residual, held, doubtful(beside, None)
-                )
-                if fewer is not found:
-                    return judge(p, plain, s, fewer, fit_report(p, fewer.fit, "test"), drives, its)
-        if residual is not None:
-            unexplained["when"] = residual.told(unexplained["when"])
-    if unexplained is None:
-        p.warnings += stepped
-        p.warnings += struck(p, found, held)
-    if drives is not None:
-        unexplained = together([unexplained, *drives.left])
-    whole = found.fit if residual is None else with_residual(p.ctx, found.fit, residual)
-    drop = error_drops(p, whole, held.windows, found.fit.hypothesis.terms)
-    if unexplained is not None:
-        verdict = "unexplained"
-    elif any(r.tied for rivals in found.rivals.values() for r in rivals):
-        verdict = "ambiguous"
-    else:
-        named = found.fit.hypothesis.named or (drives is not None and drives.fits)
-        verdict = "effects" if named else "none"
-    location, warnings = by_joint(p, s), list(dict.fromkeys(p.warnings))
-    doubts = () if unexplained is None else (*doubtful(beside, drives), *may_be_none(s, found.fit))
-    return Result(
-        verdict,
-        p,
-        found.fit,
-        found.rivals,
-        drop,
-        train,
-        held,
-        location,
-        unexplained,
-        warnings,
-        p.config,
-        s.log,
-        drives,
-        remainder=share if unexplained is None else 0.0,
-        residual=residual,
-        doubtful=tuple(dict.fromkeys(doubts)),
-    )
+        return "unexplained"
+    if any(r.tied for rivals in found.rivals.values() for r in rivals):
+        return "ambiguous"
+    named = found.fit.hypothesis.named or (drives is not None and drives.fits)
+    return "effects" if named else "none"
