@@ -12,6 +12,7 @@ import pytest
 
 from mpge_jax.diagnosis import Config, InputError, Recording, diagnose
 from mpge_jax.diagnosis.corrected.mjcf import _text
+from mpge_jax.diagnosis.dataset.cut_windows import _spans
 from mpge_jax.diagnosis.drives.command_to_force import diagnose_actuators
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
@@ -25,7 +26,6 @@ from mpge_jax.diagnosis.recordings.checks import check_base
 from mpge_jax.diagnosis.recordings.late_rows import READ_SO
 from mpge_jax.diagnosis.recordings.reader import read_recording
 from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force
-from mpge_jax.diagnosis.simulation.windows import _spans
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, record
 from tests.diagnosis.searches import MISTAKEN_FOR_FRICTION, prepared_of
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.dataset.cut_windows import cut
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
@@ -25,7 +26,7 @@ from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR, Noise, States
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.windows import Windows, cut
+from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
 INTERVALS = 40

@@ -14,6 +14,7 @@ from mpge_jax.diagnosis.dataset.coarse_sampling import (
     is_coarse,
     states_as_measured,
 )
+from mpge_jax.diagnosis.dataset.cut_windows import choose_dt
 from mpge_jax.diagnosis.dataset.given_motion import motion_is_given
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.candidates import all_terms
@@ -39,7 +40,6 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
 from mpge_jax.diagnosis.simulation.force_between_rows import source_of
 from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force, measured_forces
 from mpge_jax.diagnosis.simulation.scales import build_context
-from mpge_jax.diagnosis.simulation.windows import choose_dt
 
 
 def _thin(recordings: list[Recording], warnings: list[str]) -> list[Recording]:

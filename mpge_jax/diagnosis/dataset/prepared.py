@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.config import Config
+from mpge_jax.diagnosis.dataset.cut_windows import MAX_SAMPLES, cut
 from mpge_jax.diagnosis.dataset.starts_from_before import started_from_before
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.machine.model import Names
@@ -20,7 +21,7 @@ from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.force_between_rows import Law, followed
 from mpge_jax.diagnosis.simulation.guided import led
 from mpge_jax.diagnosis.simulation.measured_drives import follows
-from mpge_jax.diagnosis.simulation.windows import MAX_SAMPLES, Windows, cut
+from mpge_jax.diagnosis.simulation.windows import Windows
 
 SPARSE = 0.2
 """Time between rows, over the length of a window, beyond which windows last whole rows."""

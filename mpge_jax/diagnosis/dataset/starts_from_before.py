@@ -7,9 +7,10 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.dataset.cut_windows import factors
 from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.recordings.states import Noise, smoothed
-from mpge_jax.diagnosis.simulation.windows import Windows, factors
+from mpge_jax.diagnosis.simulation.windows import Windows
 
 LEAD = 0.2
 """Share of a window's rows, its first ones, that tell where it starts and are not compared."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.coarse_sampling import states_as_measured
+from mpge_jax.diagnosis.dataset.cut_windows import cut
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import noise_floor
@@ -26,7 +27,7 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.guided import led
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force
-from mpge_jax.diagnosis.simulation.windows import Windows, cut
+from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, BY_CHANCE, DOUBT, LOUD, SEVERAL
 
 Array = np.ndarray

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mpge_jax.diagnosis.dataset.cut_windows import cut
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Place, default_places, joint_unit
@@ -24,7 +25,7 @@ from mpge_jax.diagnosis.measurement.between_recordings import between_recordings
 from mpge_jax.diagnosis.selection.all_joints import IN_EVERY_JOINT
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.windows import Windows, cut
+from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
 WINDOWS, FEWEST = 200, 2

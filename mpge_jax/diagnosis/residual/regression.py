@@ -58,9 +58,9 @@ class Blocks:
         return Blocks(self.gram, push, whole, self.weight)
 
     def left(self, x: Array) -> Array:
-        """Weighted squares [B] with values x [P]."""
-        square = self.whole + 2.0 * self.push @ x + np.einsum("p,bpq,q->b", x, self.gram, x, optimize=True)
-        return self.weight * square
+        """Weighted squares [S, B] with values x [S, P]."""
+        square = np.einsum("sp,bpq,sq->sb", x, self.gram, x, optimize=True)
+        return self.weight * (self.whole + 2.0 * x @ self.push.T + square)
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,7 @@ class Rows:
         return weighted @ self.columns.T, weighted @ self.residual
 
     def left(self, x: Array) -> Array:
+        """Weighted squares [S, B] with values x [S, P]."""
         return np.asarray(self.weight * (self.residual + x @ self.columns) ** 2)
 
 
@@ -122,14 +123,15 @@ def roughness(effect: Residual) -> Array:
     return rough + SMALL * np.eye(len(rough))
 
 
-def solved(gram: Array, push: Array, rough: Array, strength: float) -> Array:
-    """The values [P] that are best for `Blocks.summed` under a penalty.
+def solved(gram: Array, push: Array, rough: Array, strengths: Array) -> Array:
+    """The values [S, P] that are best for `Blocks.summed` under penalties of S strengths.
 
     Args:
         rough: `roughness`.
     """
-    penalty = strength * max(float(np.trace(gram)) / len(gram), 1e-300) * rough
-    return -np.linalg.solve(gram + penalty, push)
+    mean = max(float(np.trace(gram)) / len(gram), 1e-300)
+    penalised = gram + (strengths * mean)[:, None, None] * rough
+    return -np.linalg.solve(penalised, push[:, None])[..., 0]
 
 
 @dataclass(frozen=True)
@@ -199,16 +201,11 @@ def _elaborate(effect: Residual) -> tuple[int, bool, list[tuple[bool, int]]]:
 def smoothed(effect: Residual, place: int, b: Blocks | Rows, fold: Array) -> Choice:
     """The function under the penalty that predicts best."""
     rough, (gram, push) = roughness(effect), b.summed()
-    folds = [(here, b.take(here)) for here in (fold == k for k in np.unique(fold))]
-    others = [(gram - g, push - p) for g, p in (part.summed() for _, part in folds)]
-
-    def left(strength: float) -> Array:
-        """What is left [B] of every block by the function that the other folds tell."""
-        out = np.empty(len(fold))
-        for (here, part), told in zip(folds, others, strict=True):
-            out[here] = part.left(solved(*told, rough, strength))
-        return out
-
-    tried = [(float((each := left(s)).sum()), s, each) for s in STRENGTHS]
-    _, strength, best = min(tried, key=lambda t: t[:2])
-    return Choice(effect, place, solved(gram, push, rough, strength), best, strength)
+    left = np.empty((STRENGTHS.size, len(fold)))
+    for k in np.unique(fold):
+        here = b.take(fold == k)
+        its_gram, its_push = here.summed()
+        left[:, fold == k] = here.left(solved(gram - its_gram, push - its_push, rough, STRENGTHS))
+    best = int(np.argmin(left.sum(1)))
+    (values,) = solved(gram, push, rough, STRENGTHS[best : best + 1])
+    return Choice(effect, place, values, left[best], float(STRENGTHS[best]))

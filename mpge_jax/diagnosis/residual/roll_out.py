@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from mpge_jax.diagnosis.dataset.cut_windows import cut
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.windows import cut
 
 Array = np.ndarray
 SECONDS, ROW, HOLD = 60.0, 0.02, 0.3

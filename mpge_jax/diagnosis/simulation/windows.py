@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.machine.joint_space import columns_of
-from mpge_jax.diagnosis.recordings.noise_level import held_error
-from mpge_jax.diagnosis.recordings.recording import Recording, longest_step
-from mpge_jax.diagnosis.recordings.states import Noise
-from mpge_jax.diagnosis.simulation.actuator_state import activations, settling
+from mpge_jax.diagnosis.recordings.recording import longest_step
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 
 Array = np.ndarray
-MAX_SAMPLES = 100
-"""Rows of a window that are compared, at most."""
 HISTORY = 0.8
 """Seconds of commands and motion kept before a window, for delays, lags and what stands between motor and link: five
 time constants of a slow drive."""
@@ -89,24 +83,9 @@ class Windows:
         return self.command.shape[1] - self.steps
 
     def take(self, index: Array) -> Windows:
-        keys = (
-            "source",
-            "start",
-            "q0",
-            "v0",
-            "root",
-            "act0",
-            "command",
-            "times",
-            "seen",
-            "qpos",
-            "qvel",
-            "moved",
-            "lead",
-            "drift",
-            "held",
-        )
-        return replace(self, **{k: getattr(self, k)[index] for k in keys})
+        """Some of the windows."""
+        each = [f.name for f in fields(self) if f.name not in ("sources", "dt", "steps")]
+        return replace(self, **{k: getattr(self, k)[index] for k in each})
 
     def refined(self, factor: int) -> Windows:
         """The same windows with `factor` times as many steps."""
@@ -197,156 +176,13 @@ class Windows:
 
     def _commands(self, grid: Array) -> Array:
         """Mean commands [W, L, nu] between consecutive times `grid` [L + 1] after the starts."""
-        return _commands(self.sources, self.source, self.start, grid, self.command.shape[2])
+        return mean_commands(self.sources, self.source, self.start, grid, self.command.shape[2])
 
 
-def choose_dt(recordings: list[Recording], timestep: float) -> float:
-    """Step that divides the sample time where sampling is uniform, near the model's own timestep."""
-    steps = np.concatenate([np.diff(r.time) for r in recordings])
-    median = float(np.median(steps))
-    uniform = float(np.quantile(np.abs(steps - median), 0.9)) < 0.01 * median
-    if median < timestep:
-        return max(median, 0.25 * timestep) if uniform else timestep
-    if not uniform:
-        return timestep
-    ratio = median / timestep
-    return median / (round(ratio) if abs(ratio - round(ratio)) < 0.02 else np.ceil(ratio))
-
-
-def roughness(recording: Recording) -> Array:
-    """How abruptly the motion changes around each row [T], in units of its median: impacts stand out."""
-    q = recording.qpos[:, ~np.isnan(recording.qpos).any(0)]
-    out = np.zeros(q.shape[0])
-    if q.shape[0] < 12:
-        return out
-    third = np.abs(np.diff(q, 3, axis=0))
-    third = third / np.maximum(np.median(third, axis=0), 1e-12 + 1e-9 * np.abs(q).max(0))
-    level = third.max(1)
-    for shift in range(-2, 6):
-        index = np.clip(np.arange(level.size) + shift, 0, level.size + 2)
-        out[index] = np.maximum(out[index], level)
-    return out
-
-
-def _spans(recording: Recording, duration: float, skip: float = 0.0) -> list[tuple[int, int]]:
-    """Non-overlapping (first row, last row) of at most `duration` seconds without gaps, after the first `skip` seconds.
-
-    A window does not start at an impact, where no smoother knows the state: it starts at the first calm row.
-    """
-    t = recording.time
-    steps = np.diff(t)
-    limit = longest_step(recording)
-    rough = roughness(recording)
-    calm = max(6.0, 2.0 * float(np.median(rough)))
-    out, a = [], int(np.searchsorted(t, t[0] + skip))
-    while a < t.size - 1:
-        until = max(int(np.searchsorted(t, t[a] + 0.4 * duration)), a + 1)
-        below = np.flatnonzero(rough[a:until] <= calm)
-        a += int(below[0]) if below.size else int(np.argmin(rough[a:until]))
-        b = int(np.searchsorted(t, t[a] + duration * (1 + 1e-6) + 1e-9, side="right")) - 1
-        broken = np.flatnonzero(steps[a : max(b, a + 1)] > limit)
-        if broken.size:
-            a = a + int(broken[0]) + 1
-            continue
-        if t[b] - t[a] >= 0.8 * duration * (1 - 1e-6):
-            out.append((a, b))
-            a = b
-        else:
-            # rows were lost before its end: the next one starts after them
-            a = max(b, a + 1)
-    return out
-
-
-def cut(
-    sources: tuple[Source, ...],
-    model: mujoco.MjModel,
-    noise: Noise,
-    duration: float,
-    limit: int,
-    dt: float,
-    rng: np.random.Generator,
-    max_samples: int = MAX_SAMPLES,
-) -> Windows:
-    """Cut at most `limit` windows of `duration` seconds with at most `max_samples` rows, spread over all recordings."""
-    found = [
-        (i, a, b)
-        for i, s in enumerate(sources)
-        for a, b in _spans(s.recording, duration, max(settling(s, model), s.spent))
-    ]
-    if len(found) > limit:
-        keep = np.sort(rng.permutation(len(found))[:limit])
-        found = [found[k] for k in keep]
-    steps = max(
-        (
-            int(np.ceil((sources[i].recording.time[b] - sources[i].recording.time[a]) / dt - 1e-6))
-            for i, a, b in found
-        ),
-        default=1,
-    )
-    rows = []
-    for _, a, b in found:
-        inside = np.arange(a + 1, b + 1)
-        if inside.size > max_samples:
-            inside = inside[np.unique(np.linspace(0, inside.size - 1, max_samples).astype(int))]
-        rows.append(inside)
-    n, w = max((r.size for r in rows), default=1), len(found)
-    before = int(np.ceil(HISTORY / dt))
-    nq, nv = model.nq, model.nv
-    times, seen = np.zeros((w, n)), np.zeros((w, n), bool)
-    qpos, qvel = np.full((w, n, nq), np.nan), np.full((w, n, nv), np.nan)
-    drift, held = np.zeros((2, w, n, nv))
-    q0, v0, root = np.zeros((w, nq)), np.zeros((w, nv)), np.zeros((w, nv, 2, 2))
-    act0 = np.zeros((w, model.na))
-    start = np.zeros(w)
-    each = {i for i, _, _ in found}
-    activation = {i: activations(model, sources[i]) for i in each}
-    rounded = {i: _held(sources[i].recording, model, noise) for i in each}
-    for k, ((i, a, _), inside) in enumerate(zip(found, rows, strict=True)):
-        s = sources[i]
-        r = s.recording
-        start[k] = r.time[a]
-        m = inside.size
-        times[k, :m], seen[k, :m] = r.time[inside] - r.time[a], True
-        qpos[k, :m] = r.qpos[inside]
-        drift[k, :m] = noise.stamp * s.states.qvel[inside]
-        held[k, :m] = rounded[i][inside]
-        if r.qvel is not None:
-            qvel[k, :m] = r.qvel[inside]
-        q0[k], v0[k] = s.states.qpos[a], s.states.qvel[a]
-        root[k] = factors(s.states.cov[a])
-        act0[k] = activation[i][a]
-    qvel[:, :, ~np.isfinite(noise.qvel)] = np.nan
-    source = np.array([i for i, _, _ in found], dtype=int)
-    command = _commands(sources, source, start, dt * np.arange(-before, steps + 1), model.nu)
-    return Windows(
-        sources, source, start, dt, steps, q0, v0, root, act0, command, times, seen, qpos, qvel,
-        np.zeros((w, nv, 2)), np.zeros_like(seen), drift, held,
-    )  # fmt: skip
-
-
-def _held(r: Recording, model: mujoco.MjModel, noise: Noise) -> Array:
-    """[T, nv] `held_error` of a recording's positions."""
-    out = np.zeros((r.time.size, model.nv))
-    columns, dofs, _ = columns_of(model)
-    for column, dof in zip(columns, dofs, strict=True):
-        out[:, dof] = held_error(r.qpos[:, column], float(noise.quantum[column]), float(noise.qpos[column]))
-    return out
-
-
-def _commands(sources: tuple[Source, ...], source: Array, start: Array, grid: Array, nu: int) -> Array:
+def mean_commands(sources: tuple[Source, ...], source: Array, start: Array, grid: Array, nu: int) -> Array:
     """Mean commands [W, L, nu] between consecutive times `grid` [L + 1] after starts [W] in sources [W]."""
     out = np.zeros((source.size, grid.size - 1, nu))
     for s in np.unique(source):
         of = source == s
         out[of] = sources[s].mean_command(start[of, None] + grid)
-    return out
-
-
-def factors(cov: Array) -> Array:
-    """Lower factors [nv, 2, 2] of 2 x 2 covariances, tolerant of singular ones."""
-    a = np.sqrt(np.maximum(cov[:, 0, 0], 1e-18))
-    b = cov[:, 1, 0] / a
-    c = np.sqrt(np.maximum(cov[:, 1, 1] - b**2, 1e-4 * np.abs(cov[:, 1, 1]) + 1e-18))
-    out = np.zeros_like(cov)
-    out[:, 0, 0], out[:, 1, 0], out[:, 1, 1] = a, b, c
     return out

@@ -23,7 +23,7 @@ from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.machine.constraints import coupled
 from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.selection.confirmation import refitted
-from mpge_jax.diagnosis.selection.procedure import Decision, decide, tested, what_is_left
+from mpge_jax.diagnosis.selection.procedure import Decision, Found, decide, look, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.verdict.part_of_unknown import joints_at, slightly_left
@@ -62,9 +62,9 @@ def elsewhere(
         search.terms = [
             t for t in search.terms if not _only_at(p, t, held) and t not in kept.hypothesis.terms
         ]
-        others, _ = tested(machine, search, decide(machine, search, say))
+        others = _unless_much_is_left(machine, search, say)
         s.log += search.log
-        if not much_is_left(machine, search, others):
+        if others is not None:
             break
     else:
         return None
@@ -82,7 +82,17 @@ def elsewhere(
     return Decision(fit, rivals, noise, left, s)
 
 
-def much_is_left(machine: Prepared, s: Search, found: Decision) -> bool:
+def _unless_much_is_left(machine: Prepared, s: Search, say: Callable[[str], None]) -> Decision | None:
+    """What is found on a machine, if that leaves no more than a detail. Where it does before alternatives are weighed,
+    something acts at another joint than the one that moves as recorded."""
+    looked = look(machine, s)
+    if much_is_left(machine, s, looked):
+        return None
+    found, _ = tested(machine, s, decide(machine, s, say, looked))
+    return None if much_is_left(machine, s, found) else found
+
+
+def much_is_left(machine: Prepared, s: Search, found: Found) -> bool:
     """Whether a search on a machine leaves more than a detail."""
     if found.left is None:
         return False

@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report
 from mpge_jax.diagnosis.evidence.joints_of_place import acted_on
 from mpge_jax.diagnosis.evidence.numerics_seen import amounts_seen
-from mpge_jax.diagnosis.selection.procedure import Decision
+from mpge_jax.diagnosis.selection.procedure import Found
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import MEANS_SOMETHING, SLIGHT
 
@@ -103,7 +103,7 @@ def matters(share: float, beside: Mapping[Term, Beside]) -> bool:
     return max([share, *(left.there for left in beside.values())]) > SLIGHT
 
 
-def slightly_left(p: Prepared, s: Search, found: Decision, at: Sequence[str]) -> bool:
+def slightly_left(p: Prepared, s: Search, found: Found, at: Sequence[str]) -> bool:
     """Whether what is left at some places is at most a detail of recordings that only choose, or of their noise."""
     report = fit_report(p, found.fit, "choice", amounts_seen(p, found.fit))
     if report.after.rms <= MEANS_SOMETHING * report.floor:

@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from mpge_jax.diagnosis import Recording, thresholds
 from mpge_jax.diagnosis.corrected import CorrectedModel
+from mpge_jax.diagnosis.dataset.cut_windows import cut
 from mpge_jax.diagnosis.effects.angle import waves
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place
@@ -26,7 +27,6 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import MANY_STEPS, Run
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.remembered import Remembered
-from mpge_jax.diagnosis.simulation.windows import cut
 from tests.diagnosis.machines import BOX, FINE_PENDULUM, excitation, record
 from tests.diagnosis.searches import COULOMB, DAMPING, search_of
 

@@ -71,21 +71,26 @@ def test_what_explains_half_as_much_is_in_the_race():
 
 def test_the_penalty_pulls_towards_nothing_and_towards_smoothness():
     effect, _, b = candidates(lambda q, v: 0.3 * np.sin(3 * q))[0]
-    free, stiff = (solved(*b.summed(), roughness(effect), s) for s in (1e-9, 1e3))
-    assert stiff @ roughness(effect) @ stiff < 0.1 * free @ roughness(effect) @ free
+    rough, strengths = roughness(effect), np.array([1e-9, 1e3])
+    free, stiff = solved(*b.summed(), rough, strengths)
+    assert stiff @ rough @ stiff < 0.1 * free @ rough @ free
     # the same problem told as one of changes of some values has the same solution and leaves the same
     values = np.linspace(-1.0, 2.0, free.size)
-    changes = Blocks(b.gram, b.push + b.gram @ values, b.left(values) / b.weight, b.weight)
-    same = changes.told_at(values)
-    np.testing.assert_allclose(solved(*same.summed(), roughness(effect), 1e-9), free, atol=1e-6)
-    np.testing.assert_allclose(same.left(stiff), b.left(stiff), rtol=1e-9)
+    (left,) = b.left(values[None])
+    same = Blocks(b.gram, b.push + b.gram @ values, left / b.weight, b.weight).told_at(values)
+    np.testing.assert_allclose(solved(*same.summed(), rough, strengths)[0], free, atol=1e-6)
+    np.testing.assert_allclose(same.left(stiff[None]), b.left(stiff[None]), rtol=1e-9)
 
 
 def test_blocks_hold_the_squares_of_what_is_left():
     rng = np.random.default_rng(1)
-    columns, left, x = rng.standard_normal((3, 4, 5)), rng.standard_normal((4, 5)), rng.standard_normal(3)
+    columns, left, x = (
+        rng.standard_normal((3, 4, 5)),
+        rng.standard_normal((4, 5)),
+        rng.standard_normal((2, 3)),
+    )
     b = Blocks.of(columns, left, np.array([1.0, 2.0, 1.0, 1.0]))
-    want = ((left + np.einsum("pbm,p->bm", columns, x)) ** 2).sum(1) * b.weight
+    want = ((left + np.einsum("pbm,sp->sbm", columns, x)) ** 2).sum(2) * b.weight
     np.testing.assert_allclose(b.left(x), want)
 
 

@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
-from mpge_jax.diagnosis.selection.procedure import Decision
+from mpge_jax.diagnosis.selection.procedure import Decision, Look
 from mpge_jax.diagnosis.verdict import elsewhere as module
 from mpge_jax.diagnosis.verdict.elsewhere import elsewhere
 from tests.diagnosis.machines import ARM, PENDULUM, record
@@ -66,17 +66,26 @@ def test_friction_at_the_elbow_is_told_beside_an_unknown_force_at_the_shoulder(a
     )
 
 
-def _answers(monkeypatch, *left: bool) -> list[int]:
-    """Makes searches leave something or not, one after the other; returns which degrees of freedom were guided."""
-    guided, answers = [], iter(left)
+def _answers(monkeypatch, *left: tuple[bool, bool]) -> list[tuple[int, bool]]:
+    """Makes what searches find leave something or not, before and after alternatives are weighed, one search after the
+    other; returns which degrees of freedom were guided, and whether alternatives were weighed."""
+    asked, answers = [], iter(left)
 
-    def tested(machine, search, _decision):
-        guided.append(*machine.sim.guided)
-        return Decision(NOTHING, {}, Floor(), object() if next(answers) else None, search), None
+    def look(machine, search):
+        asked.append((*machine.sim.guided, False))
+        before, after = next(answers)
+        search.leaves = after
+        return Look(NOTHING, Floor(), object() if before else None, (), [])
 
-    monkeypatch.setattr(module, "decide", lambda *_: None)
-    monkeypatch.setattr(module, "tested", tested)
-    return guided
+    def decide(machine, search, _say, looked):
+        assert looked.left is None
+        asked[-1] = (*machine.sim.guided, True)
+        return Decision(NOTHING, {}, Floor(), object() if search.leaves else None, search)
+
+    monkeypatch.setattr(module, "look", look)
+    monkeypatch.setattr(module, "decide", decide)
+    monkeypatch.setattr(module, "tested", lambda _machine, _search, found: (found, None))
+    return asked
 
 
 def test_joints_are_tried_until_nothing_is_left_of_the_others(arm, monkeypatch):
@@ -85,18 +94,19 @@ def test_joints_are_tried_until_nothing_is_left_of_the_others(arm, monkeypatch):
     p.warnings[:] = ["before"]
     monkeypatch.setattr(module, "_tells_more", lambda *_: True)
     monkeypatch.setattr(module, "much_is_left", lambda _machine, _search, others: others.left is not None)
-    guided = _answers(monkeypatch, True, False, True, True, True)
+    asked = _answers(monkeypatch, (True, False), (False, False), (True, True), (False, True))
     answer = elsewhere(p, s, found, ["elbow", "elbow_servo", "shoulder"], QUIET)
-    assert answer is not None and answer.fit is NOTHING and guided == [1, 0]
-    guided.clear()
+    # alternatives are not weighed of what leaves much before that
+    assert answer is not None and answer.fit is NOTHING and asked == [(1, False), (0, True)]
+    asked.clear()
     assert elsewhere(p, s, found, ["elbow", "shoulder"], QUIET) is None
-    assert guided == [1, 0] and p.warnings == ["before"]
+    assert asked == [(1, False), (0, True)] and p.warnings == ["before"]
 
 
 def test_what_a_search_elsewhere_does_not_find_stays_unless_it_tells_the_motion_better(arm, monkeypatch):
     s, p = arm
     p.warnings[:] = ["before"]
-    _answers(monkeypatch, False, False)
+    _answers(monkeypatch, (False, False), (False, False))
     rubs, nothing = (Decision(f, {}, Floor(), None, s) for f in (fitted(s, {RUBS: [0.1]}), NOTHING))
     # nothing is found while the shoulder moves as recorded: the friction that is there is not spoken against
     assert elsewhere(p, s, rubs, ["shoulder"], QUIET) is None
@@ -107,8 +117,9 @@ def test_what_a_search_elsewhere_does_not_find_stays_unless_it_tells_the_motion_
 def test_what_acts_at_the_guided_joint_alone_is_not_looked_for(arm, monkeypatch):
     s, p = arm
     seen: list[Hypothesis] = []
-    monkeypatch.setattr(module, "decide", lambda _p, search, _say: seen.append(search.terms))
-    monkeypatch.setattr(module, "tested", lambda _p, s, _d: (Decision(NOTHING, {}, Floor(), None, s), None))
+    _answers(monkeypatch, (False, False))
+    look = module.look
+    monkeypatch.setattr(module, "look", lambda p, search: (seen.append(search.terms), look(p, search))[1])
     elsewhere(p, s, Decision(NOTHING, {}, Floor(), None, s), ["shoulder"], QUIET)
     (terms,) = seen
     assert RUBS in terms and LOAD in terms
@@ -139,11 +150,13 @@ def test_joints_of_other_trees_move_as_recorded_too_and_what_was_found_there_sta
     )
     rubs, seen = dataclasses.replace(fitted(s, {RUBS: [0.1]}), cov=np.eye(1)), []
 
-    def searched(machine, search, _say):
+    def look(machine, search):
         seen.append((machine.sim.guided, machine.sim.always[0].terms, search.terms))
+        return Look(rubs, Floor(), None, (), [])
 
-    monkeypatch.setattr(module, "decide", searched)
-    monkeypatch.setattr(module, "tested", lambda _p, s, _d: (Decision(rubs, {}, Floor(), None, s), None))
+    monkeypatch.setattr(module, "look", look)
+    monkeypatch.setattr(module, "decide", lambda _p, s, _say, _looked: Decision(rubs, {}, Floor(), None, s))
+    monkeypatch.setattr(module, "tested", lambda _p, _s, decision: (decision, None))
     monkeypatch.setattr(module, "_tells_more", lambda _s, new, old: old.hypothesis.terms == (LOAD,))
     answer = elsewhere(p, s, Decision(found, {}, Floor(), None, s), ["swing", "shoulder"], QUIET)
     # nothing hangs on the pendulum's joint

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mpge_jax.diagnosis.dataset.cut_windows import cut
 from mpge_jax.diagnosis.dataset.starts_from_before import LEAD, started_from_before
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.prediction_error import Errors, errors
@@ -20,7 +21,7 @@ from mpge_jax.diagnosis.report.figures.motion_figures import axis_of, measured_m
 from mpge_jax.diagnosis.residual.model import with_residual
 from mpge_jax.diagnosis.simulation.actuator_state import settling
 from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.windows import Windows, cut
+from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.verdict.result import Result
 
 RECORDINGS, JOINTS = 3, 3
