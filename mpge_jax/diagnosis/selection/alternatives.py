@@ -59,52 +59,69 @@ def find_rivals(
         best: the chosen fit, scored under `whites`. known: fits of single effects from the search, reused where
             the chosen hypothesis has one term. weighed: rivals that stand (`unaffected`).
     """
-    out: dict[Term, list[Rival]] = {}
-    ctx = s.sim.ctx
-    terms = best.fit.hypothesis.terms
-    many = s.brief(best.fit.hypothesis)
-    keep = KEEP_OF_MANY if many else keep
+    hypothesis = best.fit.hypothesis
+    keep = KEEP_OF_MANY if s.brief(hypothesis) else keep
     slopes = slopes_of(s.sim, best.fit, s.train, whites[0])
-    for term in best.fit.hypothesis.named:
+    fitted = {k.fit.hypothesis: k.fit for k in known if len(hypothesis.terms) == 1}
+    out: dict[Term, list[Rival]] = {}
+    for term in hypothesis.named:
         if term in weighed:
             out[term] = weighed[term]
             continue
         s.say(f"weighing alternatives to {term}")
-        base_h = best.fit.hypothesis.without(term)
-        parts = best.fit.hypothesis.split(ctx, best.fit.theta)
-        base = Fitted(base_h, base_h.gather(ctx, parts), base_h.gather(ctx, parts))
-        sample = s.sample(base, whites[0])
-        # Screened anew: the search drops what looks like a better one of its group, as a rival does.
-        candidates = [t for t in s.terms if t.effect.named and not _same(t, term) and compatible(base_h, t)]
-        if many:
-            candidates = [t for t in candidates if _near(ctx, term, t)]
-        beside = slopes_of(s.sim, base, *sample)
-        screened = s.screened(base, sample, candidates, beside)
-        fitted = {k.fit.hypothesis: k.fit for k in known if len(terms) == 1}
-        alike = {base_h.with_term(t) for t in candidates if same(ctx, term, t)}
-        pool = screened[:keep] + [r for r in screened[keep:] if r.hypothesis in alike]
-        pool = [fitted.get(r.hypothesis, r) for r in pool]
-        fits = fit(s.sim, pool, *sample, iterations=2, slopes=beside, anew=False)
-        if fits:
-            # what comes near is judged on all windows, so it is fitted to them
-            near = hopeful(fits, evaluate(s.sim, [base], *sample)[0].loss)
-            if many:
-                near = [f for f in near if not _contains(f, base_h, term)][:1]
-            near += [f for f in fits if f.hypothesis in alike - {x.hypothesis for x in near}]
-            nearest = {f.hypothesis for f in near}
-            far = [f for f in fits if f.hypothesis not in nearest]
-            fits = [*fit(s.sim, near, s.train, whites[0], iterations=ITERATIONS, slopes=slopes), *far]
-        unsettled = best.losses.mean() > SETTLED or best.factor > 1.0
-        if term.id in PLAIN_LAWS and (unsettled or _pushed(ctx, best.fit.hypothesis, term)):
-            fits += _richer(s, best, whites[0], sample, term, (beside, slopes))
+        without = hypothesis.without(term)
         rivals = []
-        for r in s.score(fits, whites):
-            other = next((t for t in r.fit.hypothesis.terms if t not in base_h.terms), None)
+        for r in s.score(_instead(s, best, whites[0], term, fitted, keep, slopes), whites):
+            other = next((t for t in r.fit.hypothesis.terms if t not in without.terms), None)
             if other is not None:
                 rivals.append(_compare(s, best, term, r, other))
         rivals += _all_drives_weaker(s, best, whites, term)
         out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
+
+
+def _instead(
+    s: Search,
+    best: Scored,
+    white: Whitener,
+    term: Term,
+    fitted: Mapping[Hypothesis, Fitted],
+    keep: int,
+    slopes: Slopes,
+) -> list[Fitted]:
+    """Fits with something else in place of a term: the `keep` most promising ones.
+
+    Args:
+        white: of the training windows. fitted: what need not be fitted again. slopes: of the chosen fit in these.
+    """
+    ctx, hypothesis = s.sim.ctx, best.fit.hypothesis
+    without, many = hypothesis.without(term), s.brief(hypothesis)
+    theta = best.fit.of_terms(ctx, without).theta
+    base = Fitted(without, theta, theta)
+    sample = s.sample(base, white)
+    # Screened anew: the search drops what looks like a better one of its group, as a rival does.
+    candidates = [t for t in s.terms if t.effect.named and not _same(t, term) and compatible(without, t)]
+    if many:
+        candidates = [t for t in candidates if _near(ctx, term, t)]
+    beside = slopes_of(s.sim, base, *sample)
+    screened = s.screened(base, sample, candidates, beside)
+    alike = {without.with_term(t) for t in candidates if same(ctx, term, t)}
+    pool = screened[:keep] + [r for r in screened[keep:] if r.hypothesis in alike]
+    pool = [fitted.get(r.hypothesis, r) for r in pool]
+    fits = fit(s.sim, pool, *sample, iterations=2, slopes=beside, anew=False)
+    if fits:
+        # what comes near is judged on all windows, so it is fitted to them
+        near = hopeful(fits, evaluate(s.sim, [base], *sample)[0].loss)
+        if many:
+            near = [f for f in near if not _contains(f, without, term)][:1]
+        near += [f for f in fits if f.hypothesis in alike - {x.hypothesis for x in near}]
+        nearest = {f.hypothesis for f in near}
+        far = [f for f in fits if f.hypothesis not in nearest]
+        fits = [*fit(s.sim, near, s.train, white, iterations=ITERATIONS, slopes=slopes), *far]
+    unsettled = best.losses.mean() > SETTLED or best.factor > 1.0
+    if term.id in PLAIN_LAWS and (unsettled or _pushed(ctx, hypothesis, term)):
+        fits += _richer(s, best, white, sample, term, (beside, slopes))
+    return fits
 
 
 def _near(ctx: Context, term: Term, other: Term) -> bool:
