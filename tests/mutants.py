@@ -311,7 +311,7 @@ MUTANTS = (
     Mutant(
         "the transformer's error is measured along the bare simulator",
         "mpge_jax/grounding/transform_error.py",
-        "return jax.vmap(wrapped.step)(state, executed), mean_error(",
+        "return jax.vmap(wrapped.step)(state, given), mean_error(",
         "return jax.vmap(wrapped.step)(state, action), mean_error(",
         (f"{_EDGES}::test_the_error_along_rollouts_is_of_the_states_that_the_transformer_leads_to",),
     ),

@@ -13,7 +13,7 @@ from experiments.methods.cell import Trained, Work
 from experiments.methods.logged import prediction_error
 from experiments.methods.training import train
 from mpge_jax import loop
-from mpge_jax.grounding import delta_action, prediction
+from mpge_jax.grounding import delta_action, prediction, transform_error
 from mpge_jax.grounding.delta_action import DeltaConfig, DeltaEnv, TrackingEnv
 from mpge_jax.grounding.prediction import HeldOut
 from mpge_jax.learning import agent
@@ -54,11 +54,25 @@ def delta(work: Work) -> Trained:
     seconds = time.monotonic() - started
     steps = config.env_steps(settings.agent_iterations)
     learners = train(work, lambda actor: DeltaEnv(work.source, actor), state.learner.actor)
+    actors = state.learner.actor
     extra = [
-        {"grounding_simulator_steps": steps, **_held_out_error(work, state.learner.actor, i)}
-        for i in range(len(cell.seeds))
+        {"grounding_simulator_steps": steps, **_held_out_error(work, actors, i), **error}
+        for i, error in enumerate(_transform_errors(work, actors))
     ]
     return Trained(learners, work.log_sizes, extra, seconds)
+
+
+def _transform_errors(work: Work, actors: Actor) -> list[dict[str, Any]]:
+    """The action-transformation error of each seed along random rollouts, as in the paper."""
+    cell, truth = work.cell, work.truth
+    if truth is None:
+        return [{} for _ in cell.seeds]
+    measure = jax.vmap(
+        lambda key, actor: transform_error.in_rollouts(
+            key, actor, work.source, truth, executed=delta_action.executed
+        )
+    )
+    return [{"transform_error": float(x)} for x in jax.jit(measure)(cell.keys("error"), actors)]
 
 
 def _held_out_error(work: Work, actors: Actor, i: int) -> dict[str, Any]:
@@ -66,8 +80,7 @@ def _held_out_error(work: Work, actors: Actor, i: int) -> dict[str, Any]:
     low, high = (jnp.asarray(x)[None] for x in (work.source.action_low, work.source.action_high))
 
     def error(rows: HeldOut) -> jax.Array:
-        asked = jnp.clip(rows.action, low, high)
-        added = jax.vmap(lambda obs, action: delta_action.delta(actor, obs, action))(rows.observation, asked)
-        return prediction.error_under(work.source, rows, jnp.clip(asked + added, low, high))
+        given = delta_action.executed(actor, rows.observation, rows.action, low, high)
+        return prediction.error_under(work.source, rows, given)
 
     return prediction_error(work, error)

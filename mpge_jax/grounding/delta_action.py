@@ -123,9 +123,22 @@ class TrackingEnv:
         return State(inner, obs, reward.astype(kind), jnp.maximum(terminated, truncated), {}, info)
 
 
-def delta(actor: Actor, obs: Float[Array, " O"], action: Float[Array, " A"]) -> Float[Array, " A"]:
+def delta(actor: Actor, obs: Float[Array, "*n O"], action: Float[Array, "*n A"]) -> Float[Array, "*n A"]:
     """What the model adds to `action` at `obs`: the mode of its policy."""
-    return sac.act(actor, jnp.concatenate([obs, action]))
+    return sac.act(actor, jnp.concatenate([obs, action], axis=-1))
+
+
+def executed(
+    actor: Actor,
+    obs: Float[Array, "*n O"],
+    action: Float[Array, "*n A"],
+    low: Float[Array, " A"],
+    high: Float[Array, " A"],
+) -> Float[Array, "*n A"]:
+    """What the simulator is told where `action` is asked for, within its box."""
+    low, high = (jnp.broadcast_to(end, action.shape) for end in (low, high))
+    asked = jnp.clip(action, low, high)
+    return jnp.clip(asked + delta(actor, obs, asked), low, high)
 
 
 class DeltaEnv(Wrapper):
@@ -143,6 +156,5 @@ class DeltaEnv(Wrapper):
     def step(self, state: State, action: jax.Array) -> State:
         """One step of the simulator under `action + delta`, clipped."""
         low, high = jnp.asarray(self._env.action_low), jnp.asarray(self._env.action_high)
-        asked = jnp.clip(action, low, high)
-        executed = jnp.clip(asked + delta(self._actor, state.obs, asked), low, high)
-        return self._env.step(state, executed, charged=action)  # type: ignore[call-arg]
+        given = executed(self._actor, state.obs, action, low, high)
+        return self._env.step(state, given, charged=action)  # type: ignore[call-arg]

@@ -8,6 +8,7 @@ Shapes: `B` rows, `O` observation, `A` action size.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,10 @@ from mpge_jax.learning.policy_gradient import Metrics
 from mpge_jax.rollouts.target_log import TargetLog
 
 Act = Callable[[Float[Array, "B O"], PRNGKeyArray], Float[Array, "B A"]]
+Executed = Callable[
+    [Any, Float[Array, "B O"], Float[Array, "B A"], jax.Array, jax.Array], Float[Array, "B A"]
+]
+"""What a model makes of actions at observations, within the box [low, high]."""
 Truth = Callable[[Float[Array, " A"]], Float[Array, " A"]]
 
 
@@ -36,15 +41,20 @@ def truth_of(target: Env) -> Truth | None:
 
 
 def mean_error(
-    pi_g: Transformer,
+    pi_g: Any,
     env: Env,
     truth: Truth,
     observation: Float[Array, "B O"],
     action: Float[Array, "B A"],
+    executed: Executed = transformer.deterministic,
 ) -> Float[Array, ""]:
-    """Mean L2 distance between pi_g and the truth at `observation`, `action`."""
+    """Mean L2 distance between pi_g and the truth at `observation`, `action`.
+
+    Args:
+      pi_g: a transformer, or what else `executed` takes.
+    """
     low, high = jnp.asarray(env.action_low), jnp.asarray(env.action_high)
-    given = transformer.deterministic(pi_g, observation, action, low, high)
+    given = executed(pi_g, observation, action, low, high)
     return jnp.mean(jnp.linalg.norm(given - jax.vmap(truth)(action), axis=-1))
 
 
@@ -66,16 +76,18 @@ def on_log(key: PRNGKeyArray, pi_g: Transformer, env: Env, truth: Truth, log: Ta
 
 def in_rollouts(
     key: PRNGKeyArray,
-    pi_g: Transformer,
+    pi_g: Any,
     env: Env,
     truth: Truth,
     steps: int = 2048,
     act: Act | None = None,
+    executed: Executed = transformer.deterministic,
 ) -> Float[Array, ""]:
     """The paper's figures: along `steps` steps in the simulator grounded by `pi_g`, of uniform random actions, or of
     the policy `act` (observation [B, O], key) -> action [B, A] (its heat map).
 
-    Eight episodes side by side, from the task's own starts. `key` is consumed.
+    Eight episodes side by side, from the task's own starts. `key` is consumed. `pi_g` and `executed` are as in
+    `mean_error`.
     """
     copies = 8
     key_reset, key_act = jax.random.split(key)
@@ -85,8 +97,8 @@ def in_rollouts(
 
     def body(state: State, key: PRNGKeyArray) -> tuple[State, Float[Array, ""]]:
         action = _uniform(key, env, copies) if act is None else act(state.obs, key)
-        executed = transformer.deterministic(pi_g, state.obs, action, low, high)
-        return jax.vmap(wrapped.step)(state, executed), mean_error(pi_g, env, truth, state.obs, action)
+        given = executed(pi_g, state.obs, action, low, high)
+        return jax.vmap(wrapped.step)(state, given), mean_error(pi_g, env, truth, state.obs, action, executed)
 
     _, errors = jax.lax.scan(body, first, jax.random.split(key_act, steps // copies))
     return jnp.mean(errors)

@@ -71,3 +71,18 @@ def test_along_rollouts_and_on_a_log():
     own = [np.asarray(log.action)[k, : int(log.count[k]), 0] for k in range(3)]
     expected = np.mean([np.mean(np.clip(a + 1.5, -3, 3) - a) for a in own])
     assert float(on_log["error_own"]) == pytest.approx(expected, abs=0.06)
+
+
+def test_any_model_of_actions_can_be_judged():
+    """As the mean error by hand: of one that adds 1.5, and of one that adds nothing."""
+    env, truth = small.env("InvertedPendulum"), transform_error.truth_of(small.env("SkewedPendulum"))
+
+    def shifted(by, observation, action, low, high):
+        assert observation.shape[:1] == action.shape[:1]
+        return jnp.clip(action + by, low[None], high[None])
+
+    measure = jax.jit(
+        lambda by: transform_error.in_rollouts(jax.random.key(0), by, env, truth, 4096, executed=shifted)
+    )
+    assert float(measure(1.5)) == pytest.approx(0.0, abs=1e-6)
+    assert float(measure(0.0)) == pytest.approx(0.75 * 1.5 + 0.25 * 0.75, abs=0.03)

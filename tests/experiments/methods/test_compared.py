@@ -3,9 +3,11 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from experiments.methods import METHODS, corrected_reward, training
 from experiments.methods.randomised import RANGES
+from mpge_jax.grounding import transform_error
 from mpge_jax.grounding.delta_action import delta
 from mpge_jax.learning import sac
 from tests import small
@@ -27,7 +29,9 @@ def test_delta_follows_the_log_of_its_seed_then_trains_behind_what_it_learned(tm
     rows = 20
     logs = small.stacked(*(jax.tree.map(lambda x: x[:, :15] if x.ndim > 1 else x, log) for log in (one, two)))
     logs = logs.replace(count=jnp.full((2, 2), 10, jnp.int32))
-    made = METHODS["delta"].work(work("delta", tmp_path, seeds=(0, 1), logs=logs))
+    truth = transform_error.truth_of(small.env("SkewedPendulum"))
+    given = work("delta", tmp_path, seeds=(0, 1), logs=logs, truth=truth)
+    made = METHODS["delta"].work(given)
     following, trained = begun
     assert made.target_steps == [rows, rows]
     # 8 random steps; 6 updates are 3 iterations of 2 environments and 4 steps.
@@ -39,6 +43,12 @@ def test_delta_follows_the_log_of_its_seed_then_trains_behind_what_it_learned(tm
     actor = jax.tree.map(lambda x: x[0], following.learner.actor)
     batch = np.asarray(trained.buffer.rows)[0, :8]
     observation, action, reached = batch[:, :4], batch[:, 4:5], batch[:, 6:10]
+    assert made.extra[0]["transform_error"] == pytest.approx(
+        float(transform_error.in_rollouts(
+            given.cell.keys("error")[0], actor, given.source, truth,
+            executed=lambda actor, s, a, low, high: jnp.clip(a + delta(actor, s, a), low[None], high[None]),
+        ))
+    )  # fmt: skip
     added = np.asarray(jax.vmap(lambda s, a: delta(actor, s, a))(observation, action))
     assert np.abs(added).max() > 1e-3
     wanted = small.step_from("InvertedPendulum", observation, np.clip(action + added, -3.0, 3.0))
