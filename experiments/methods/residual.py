@@ -17,18 +17,26 @@ from mpge_jax.grounding import delta_action, prediction, transform_error
 from mpge_jax.grounding.delta_action import DeltaConfig, DeltaEnv, TrackingEnv
 from mpge_jax.grounding.prediction import HeldOut
 from mpge_jax.learning import agent
+from mpge_jax.learning.agent import AgentConfig
 from mpge_jax.learning.sac import Actor
 from mpge_jax.rollouts.trajectories import Trajectories, trajectories
 
 CONFIG = DeltaConfig()
 TEMPERATURE = 0.1
 """Where SAC's temperature starts: a step of following is worth 1 at most, less than the tasks' own rewards."""
+DISCOUNT = 0.3
+"""What an action does shows at once, and drowns in what all later steps are worth."""
+
+
+def learner_of(config: AgentConfig, discount: float = DISCOUNT) -> AgentConfig:
+    """How a preset's agent learns to follow."""
+    return replace(config, sac=replace(config.sac, init_alpha=TEMPERATURE, gamma=discount))
 
 
 def delta(work: Work) -> Trained:
     """Learns to follow the log, with the budget that the preset gives to an agent; then trains agents."""
     cell, settings = work.cell, work.cell.preset.tasks[work.source.name]
-    config = replace(settings.agent, sac=replace(settings.agent.sac, init_alpha=TEMPERATURE))
+    config = learner_of(settings.agent)
     rows = jax.vmap(trajectories)(work.recorded)
 
     def env_of(part: Trajectories) -> TrackingEnv:

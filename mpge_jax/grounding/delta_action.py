@@ -42,6 +42,7 @@ class DeltaConfig:
       horizon: steps of an episode, which begins in a random logged state.
       lost: an episode ends where the error e passes this.
       penalty: weight of the size of `delta`.
+      reach: the largest `delta`, in widths of the simulator's box: with 1 any action can be made of any other.
 
     Raises:
       ValueError: a value out of its range.
@@ -50,6 +51,7 @@ class DeltaConfig:
     horizon: int = 16
     lost: float = 2.0
     penalty: float = 0.01
+    reach: float = 1.0
 
     def __post_init__(self) -> None:
         if self.horizon < 1:
@@ -58,6 +60,8 @@ class DeltaConfig:
             raise ValueError(
                 f"lost must be above 0 and penalty at least 0, got {self.lost} and {self.penalty}"
             )
+        if not self.reach > 0:
+            raise ValueError(f"reach must be above 0, got {self.reach}")
 
 
 class TrackingEnv:
@@ -74,7 +78,7 @@ class TrackingEnv:
         self.name = f"{env.name} following a log"
         self.observation_size = env.observation_size + env.action_size
         self.action_size = env.action_size
-        self.action_high = (np.asarray(env.action_high) - np.asarray(env.action_low)) / 2
+        self.action_high = config.reach * (np.asarray(env.action_high) - np.asarray(env.action_low))
         self.action_low = -self.action_high
         self.max_steps = config.horizon
         logged = jnp.arange(rows.observation.shape[0]) < rows.count

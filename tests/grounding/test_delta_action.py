@@ -68,7 +68,7 @@ def test_where_the_log_ends_nothing_follows():
 
 def test_a_lost_trajectory_ends_without_reward():
     rows = trajectories(log_of(SHIFT))
-    env = TrackingEnv(point(), rows, DeltaConfig(lost=1e-6, penalty=0.5))
+    env = TrackingEnv(point(), rows, DeltaConfig(lost=1e-6, penalty=0.5, reach=0.5))
     state = env.step(env.reset(jax.random.key(0)), jnp.array([-1.0]))
     assert (float(state.info["terminated"]), float(state.done)) == (1.0, 1.0)
     assert float(state.reward) == pytest.approx(-0.5)
