@@ -103,10 +103,15 @@ def page(rows: list[dict[str, Any]]) -> str:
         ]
         chosen = (row["reach"], row["discount"]) == own
         lines.append(f"| {' | '.join(f'**{x}**' if chosen else x for x in cells)} |")
+    nearer = sum(row["error"] < row["nothing"] for row in rows)
     lines += [
         "",
         "What an action does shows in the very next state. With the usual discount that drowns in what all later steps "
         "are worth. Half a width does not turn an action into its opposite.",
+        "",
+        f"Under random actions, away from what was logged, {nearer or 'none'} of the {len(rows)} models "
+        f"{'is' if nearer < 2 else 'are'} nearer to the truth than no change is: an agent that leaves the log is told "
+        "wrong there.",
     ]
     return "\n".join(lines) + "\n"
 
