@@ -21,9 +21,8 @@ from mpge_jax.learning.policy_gradient import Metrics
 from mpge_jax.rollouts.target_log import TargetLog
 
 Act = Callable[[Float[Array, "B O"], PRNGKeyArray], Float[Array, "B A"]]
-Executed = Callable[
-    [Any, Float[Array, "B O"], Float[Array, "B A"], jax.Array, jax.Array], Float[Array, "B A"]
-]
+Bound = Float[Array, " A"]
+Executed = Callable[[Any, Float[Array, "B O"], Float[Array, "B A"], Bound, Bound], Float[Array, "B A"]]
 """What a model makes of actions at observations, within the box [low, high]."""
 Truth = Callable[[Float[Array, " A"]], Float[Array, " A"]]
 
