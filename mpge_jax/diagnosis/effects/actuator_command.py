@@ -6,7 +6,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.signal import lfilter
 
 from mpge_jax.diagnosis.effects.actuator import OfCommand
 from mpge_jax.diagnosis.effects.base import register
@@ -97,17 +96,13 @@ class ActuatorLag(OfCommand):
         return u + (self.sampled(ctx, place, theta, u, dt) - u) * (1 - np.exp(-dt / T)) * T / dt
 
     def sampled(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
-        # the recursion of `command` as a linear filter, once per distinct time constant
-        out = np.empty_like(u)
-        for T in np.unique(theta[:, 0]):
-            rows = theta[:, 0] == T
-            decay = np.exp(-dt / T)
-            start = u[rows, :1]
-            state, _ = lfilter(
-                [0.0, 1 - decay], [1.0, -decay], u[rows] - start, axis=1, zi=np.zeros((rows.sum(), 1))
-            )
-            out[rows] = state + start
-        return out
+        decay, steps = np.exp(-dt / theta[:, 0]), np.ascontiguousarray(u.T)
+        out = np.empty_like(steps)
+        state = steps[0]
+        for k, now in enumerate(steps):
+            out[k] = state
+            state = now + (state - now) * decay
+        return out.T
 
     def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
         a = element(spec.actuators, place.index)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student_t
+from scipy.special import ndtri, stdtrit
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_widths
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem
 
 Array = np.ndarray
-WITHIN = float(norm.ppf(0.975))
+WITHIN = float(ndtri(0.975))
 """Deviations on either side that a 95 % interval holds."""
 
 
@@ -47,7 +46,7 @@ def recordings_differ(p: Problem, source: Array) -> Array:
     left_out, by_noise = jackknife(
         precision, np.einsum("gw,wpq->gpq", of, parts, optimize=True), of @ scores, scale
     )
-    few = student_t.ppf(0.975, each.size - 1) / WITHIN
+    few = stdtrit(each.size - 1, 0.975) / WITHIN
     return few**2 * np.maximum(left_out - _misfit(p) * by_noise, 0.0)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import rankdata
 
 from mpge_jax.diagnosis.recordings.noise_level import MAD
 from mpge_jax.diagnosis.thresholds import CLEARLY, ORDINARY, OUTLYING, SURE
@@ -62,9 +61,15 @@ def stand_out(losses: Array) -> Array:
 def deviations(gain: Array) -> float:
     """By how many standard deviations paired gains [W] exceed zero: by their mean, or by their ranks (Wilcoxon's
     signed-rank test), which a few windows that something else spoils do not blur."""
-    ranks = np.sign(gain) * rankdata(np.abs(gain))
+    ranks = np.sign(gain) * _ranks(np.abs(gain))
     by_rank = float(ranks.sum() / max(np.sqrt((ranks**2).sum()), 1e-300))
     return max(float(gain.mean()) / max(standard_error(gain), 1e-300), by_rank)
+
+
+def _ranks(x: Array) -> Array:
+    """Ranks [W] from 1 on; equal values share the mean of theirs."""
+    _, which, count = np.unique(x, return_inverse=True, return_counts=True)
+    return (np.cumsum(count) - 0.5 * (count - 1))[which]
 
 
 def standard_error(difference: Array) -> float:

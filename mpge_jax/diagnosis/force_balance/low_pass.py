@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.signal import butter, lfilter, lfiltic, sosfiltfilt
+
+# `scipy.signal` takes longer to import than all of the diagnosis: this way it is where a filter is asked for
+import scipy
 
 Array = np.ndarray
 ORDER = 2
@@ -22,10 +24,12 @@ def low_pass(x: Array, time: Array, cutoff: float) -> Array:
     rate = (len(time) - 1) / span if span > 0 else 0.0
     if not np.isfinite(cutoff) or len(time) < FEWEST or cutoff > HIGHEST * rate:
         return x
-    sos = butter(ORDER, cutoff / (0.5 * rate), output="sos")
+    sos = scipy.signal.butter(ORDER, cutoff / (0.5 * rate), output="sos")
     # a stretch of a period mirrored at either end keeps the filter's transients outside
     pad = int(min(len(time) - 1, np.ceil(rate / cutoff)))
-    return _evenly(x, time, lambda even: sosfiltfilt(sos, even, axis=0, padtype="odd", padlen=pad))
+    return _evenly(
+        x, time, lambda even: scipy.signal.sosfiltfilt(sos, even, axis=0, padtype="odd", padlen=pad)
+    )
 
 
 def lagged(x: Array, time: Array, constant: float) -> Array:
@@ -40,8 +44,8 @@ def lagged(x: Array, time: Array, constant: float) -> Array:
     b, a = [now, 1.0 - decay - now], [1.0, -decay]
 
     def behind(even: Array) -> Array:
-        start = np.stack([lfiltic(b, a, y=[first], x=[first]) for first in even[0]], 1)
-        return np.asarray(lfilter(b, a, even, axis=0, zi=start)[0])
+        start = np.stack([scipy.signal.lfiltic(b, a, y=[first], x=[first]) for first in even[0]], 1)
+        return np.asarray(scipy.signal.lfilter(b, a, even, axis=0, zi=start)[0])
 
     return _evenly(x, time, behind)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtri
 
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -96,6 +96,6 @@ def strength(s: Search, f: Fitted) -> dict[Term, float]:
         correlation = cov / np.outer(deviation, deviation)
         together = z @ np.linalg.pinv(correlation, rcond=1e-8, hermitian=True) @ z
         # as unlikely as that many deviations of one number
-        alike = norm.isf(0.5 * chi2.sf(max(together, 0.0), len(z)))
+        alike = -ndtri(0.5 * chdtrc(len(z), max(together, 0.0)))
         out[term] = max(float(np.abs(z).max()), float(alike))
     return out
