@@ -1,6 +1,7 @@
 """Methods that ground the simulator: transformers from the log, agents in the simulator behind them."""
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -13,6 +14,7 @@ from experiments.presets import Preset
 from mpge_jax.grounding import ensemble, prediction, transform_error
 from mpge_jax.grounding.config import GroundingConfig
 from mpge_jax.grounding.grounded_env import GroundedEnv
+from mpge_jax.grounding.transform_error import Truth
 from mpge_jax.grounding.transformer import Transformer
 from mpge_jax.loop import Curve
 
@@ -120,14 +122,25 @@ def held_out_errors(work: Work, transformers: Transformer) -> list[dict[str, Any
 
 def errors(work: Work, transformers: Transformer) -> list[dict[str, Any]]:
     """The action-transformation error of each seed along random rollouts, as in the paper; mean over members."""
-    cell, source, truth = work.cell, work.source, work.truth
-    if truth is None:
-        return [{} for _ in cell.seeds]
 
-    def one(key: jax.Array, members: Transformer) -> jax.Array:
+    def one(key: jax.Array, members: Transformer, truth: Truth) -> jax.Array:
         size = members.input_mean.shape[0]
-        measure = jax.vmap(lambda k, m: transform_error.in_rollouts(k, m, source, truth))
+        measure = jax.vmap(lambda k, m: transform_error.in_rollouts(k, m, work.source, truth))
         return jnp.mean(measure(jax.random.split(key, size), members))
 
-    errors = jax.jit(jax.vmap(one))(cell.keys("error"), transformers)
-    return [{"transform_error": float(error)} for error in errors]
+    return transform_errors(work, transformers, one)
+
+
+def transform_errors(
+    work: Work, models: Any, one: Callable[[jax.Array, Any, Truth], jax.Array]
+) -> list[dict[str, Any]]:
+    """What `one` gives for each seed's key and model; nothing where the target is no change of actions.
+
+    Args:
+      models: every leaf `[seeds, ...]`.
+    """
+    truth = work.truth
+    if truth is None:
+        return [{} for _ in work.cell.seeds]
+    found = jax.jit(jax.vmap(lambda key, model: one(key, model, truth)))(work.cell.keys("error"), models)
+    return [{"transform_error": float(error)} for error in found]

@@ -3,6 +3,7 @@
 import dataclasses
 import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -10,12 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.methods.cell import Trained, Work
+from experiments.methods.grounded import transform_errors
 from experiments.methods.logged import prediction_error
 from experiments.methods.training import train
 from mpge_jax import loop
 from mpge_jax.grounding import delta_action, prediction, transform_error
 from mpge_jax.grounding.delta_action import DeltaConfig, DeltaEnv, TrackingEnv
 from mpge_jax.grounding.prediction import HeldOut
+from mpge_jax.grounding.transform_error import Truth
 from mpge_jax.learning import agent
 from mpge_jax.learning.agent import AgentConfig
 from mpge_jax.learning.sac import Actor
@@ -61,31 +64,22 @@ def delta(work: Work) -> Trained:
     )
     seconds = time.monotonic() - started
     steps = config.env_steps(settings.agent_iterations)
-    learners = train(work, lambda actor: DeltaEnv(work.source, actor), state.learner.actor)
     actors = state.learner.actor
+    learners = train(work, lambda actor: DeltaEnv(work.source, actor), actors)
     extra = [
         {"grounding_simulator_steps": steps, **_held_out_error(work, actors, i), **error}
-        for i, error in enumerate(_transform_errors(work, actors))
+        for i, error in enumerate(transform_errors(work, actors, partial(_transform_error, work)))
     ]
     return Trained(learners, work.log_sizes, extra, seconds)
 
 
-def _transform_errors(work: Work, actors: Actor) -> list[dict[str, Any]]:
-    """The action-transformation error of each seed along random rollouts, as in the paper."""
-    cell, truth = work.cell, work.truth
-    if truth is None:
-        return [{} for _ in cell.seeds]
-    measure = jax.vmap(
-        lambda key, actor: transform_error.in_rollouts(
-            key, actor, work.source, truth, executed=delta_action.executed
-        )
-    )
-    return [{"transform_error": float(x)} for x in jax.jit(measure)(cell.keys("error"), actors)]
+def _transform_error(work: Work, key: jax.Array, actor: Actor, truth: Truth) -> jax.Array:
+    return transform_error.in_rollouts(key, actor, work.source, truth, executed=delta_action.executed)
 
 
 def _held_out_error(work: Work, actors: Actor, i: int) -> dict[str, Any]:
     actor = jax.tree.map(lambda x: x[i], actors)
-    low, high = (jnp.asarray(x)[None] for x in (work.source.action_low, work.source.action_high))
+    low, high = jnp.asarray(work.source.action_low), jnp.asarray(work.source.action_high)
 
     def error(rows: HeldOut) -> jax.Array:
         given = delta_action.executed(actor, rows.observation, rows.action, low, high)

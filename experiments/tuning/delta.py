@@ -44,14 +44,12 @@ class Args:
     page: Path = Path("docs/delta.md")
 
 
-def trial(
-    reach: float, discount: float, iterations: int = ITERATIONS, samples: int = SAMPLES
-) -> dict[str, Any]:
+def trial(reach: float, discount: float) -> dict[str, Any]:
     """What one model comes to: its mean return of following, of 16 at most, and its action-transformation error along
     random rollouts, of which `nothing` is the one of no change."""
     target, source = envs.make(TASK), envs.make(envs.source_of(TASK))
     rollout = policies.shipped(source.name, "MS")[0].rollout
-    log = target_log.collect(jax.random.key(0), target, rollout, samples)
+    log = target_log.collect(jax.random.key(0), target, rollout, SAMPLES)
     env = TrackingEnv(source, trajectories(log), replace(residual.CONFIG, reach=reach))
     config = residual.learner_of(STANDARD.tasks[source.name].agent, discount)
     truth = transform_error.truth_of(target)
@@ -60,7 +58,7 @@ def trial(
     state, curve = loop.run(
         step,
         jax.jit(lambda key: agent.init(key, env, config))(jax.random.key(1)),
-        iterations,
+        ITERATIONS,
         title=f"reach {reach:g}, discount {discount:g}",
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from mpge_jax.diagnosis.drives.drive_law import Data, residual
-from mpge_jax.diagnosis.effects.context import Context
+from mpge_jax.diagnosis.effects.context import Context, Param
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 
 Array = np.ndarray
@@ -25,9 +25,9 @@ by this share."""
 
 def fit_law(model: mujoco.MjModel, ctx: Context, start: Fitted, actuator: int, d: Data) -> Fitted:
     """The law `start` with the parameters [P] that explain the forces of `d.train` best, and their covariance."""
-    if not start.hypothesis.params(ctx):
-        return start
     problem = _Problem(model, ctx, start, actuator, d)
+    if not problem.params:
+        return start
     found = _moved(problem, _solved(problem, problem.within(start.theta)))
     delays = _delays(ctx, start)
     for i in delays:
@@ -59,13 +59,16 @@ class _Problem:
     d: Data
 
     @cached_property
+    def params(self) -> list[Param]:
+        return self.start.hypothesis.params(self.ctx)
+
+    @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        params = self.start.hypothesis.params(self.ctx)
-        return np.array([p.low for p in params]), np.array([p.high for p in params])
+        return np.array([p.low for p in self.params]), np.array([p.high for p in self.params])
 
     @cached_property
     def scale(self) -> Array:
-        return np.array([p.scale for p in self.start.hypothesis.params(self.ctx)])
+        return np.array([p.scale for p in self.params])
 
     @cached_property
     def spread(self) -> float:
@@ -100,8 +103,7 @@ def _solved(p: _Problem, x: Array) -> _Point:
 def _moved(p: _Problem, at: _Point) -> _Point:
     """From there, moved in time: as long as no command of another row arrives a delay changes nothing, so that no slope
     leads on."""
-    params = p.start.hypothesis.params(p.ctx)
-    times = [i for i, param in enumerate(params) if param.unit == "s"]
+    times = [i for i, param in enumerate(p.params) if param.unit == "s"]
     for _ in range(MOVES if times else 0):
         tried = [x for i in times for x in p.beside(at.x, i, p.d.dt * np.array(STEPS))]
         least, best = min((p.cost(x), k) for k, x in enumerate(tried))

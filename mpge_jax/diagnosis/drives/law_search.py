@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
 
 Array = np.ndarray
@@ -76,8 +77,10 @@ def _with(
     fits = [fit_law(model, ctx, Fitted(h, theta, np.zeros(0)), place.index, d) for theta in starts]
     best = min(fits, key=lambda f: f.loss)
     fast = _too_fast(ctx, best, d.dt)
-    if fast is None or fast == term:
-        return best if fast is None else None
+    if fast is None:
+        return best
+    if fast == term:
+        return None
     # found before the delay for which it stood
     h, parts = best.hypothesis.without(fast), best.hypothesis.split(ctx, best.theta)
     return fit_law(model, ctx, Fitted(h, h.gather(ctx, parts), np.zeros(0)), place.index, d)
@@ -85,7 +88,7 @@ def _with(
 
 def _robust(blocks: Array, reference: Array) -> Array:
     """Loss of blocks in units of the reference's median block; wild blocks count little."""
-    return 5.0 * np.log1p(blocks / max(float(np.median(reference)), 1e-12) / 5.0)
+    return robust_loss(blocks / max(float(np.median(reference)), 1e-12))
 
 
 def _too_fast(ctx: Context, f: Fitted, dt: float) -> Term | None:
