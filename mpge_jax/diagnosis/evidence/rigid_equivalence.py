@@ -21,6 +21,25 @@ def same_body(ctx: Context, a: Term, b: Term) -> bool:
     return a.name == b.name == "payload_mass" and weld[a.place.index] == weld[b.place.index]
 
 
+def carried_over(ctx: Context, f: Fitted, term: Term, other: Term) -> Fitted | None:
+    """`f` with a payload in place of one of another body: of the same mass at the same point in the usual pose, where
+    it does nearly the same. None of other effects."""
+    if not term.id == other.id == "payload_mass" or ctx.samples is None or not len(ctx.samples.q):
+        return None
+    m, parts = ctx.model, f.hypothesis.split(ctx, f.theta)
+    mass, *position = parts.pop(term)
+    data = mujoco.MjData(m)
+    data.qpos[:] = np.median(ctx.samples.q, axis=0)
+    mujoco.mj_normalizeQuat(m, data.qpos)
+    mujoco.mj_kinematics(m, data)
+    old, new = term.place.index, other.place.index
+    point = data.xpos[old] + data.xmat[old].reshape(3, 3) @ np.array(position)
+    parts[other] = np.array([mass, *data.xmat[new].reshape(3, 3).T @ (point - data.xpos[new])])
+    hypothesis = Hypothesis.of(*parts)
+    theta = hypothesis.gather(ctx, parts)
+    return Fitted(hypothesis, theta, theta)
+
+
 def one_of_each(ctx: Context, fits: list[Fitted]) -> list[Fitted]:
     """`fits`, best first, without those that differ from a better one in the name of a rigid body alone."""
     kept: list[Fitted] = []

@@ -10,17 +10,18 @@ import numpy as np
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, evaluate, fit, slopes_of
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, starts_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener
 from mpge_jax.diagnosis.evidence.joints_of_place import first_joints, next_to
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, odds
-from mpge_jax.diagnosis.evidence.rigid_equivalence import same_body
+from mpge_jax.diagnosis.evidence.rigid_equivalence import carried_over, same_body
 from mpge_jax.diagnosis.evidence.same_in_principle import same
 from mpge_jax.diagnosis.evidence.scored import Rival, Scored, evidence, hopeful
 from mpge_jax.diagnosis.selection.competition import KEEP_OF_MANY
-from mpge_jax.diagnosis.selection.criteria import named, needed
+from mpge_jax.diagnosis.selection.criteria import named, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import RICHER, SETTLED
@@ -115,6 +116,7 @@ def _instead(
         if many:
             near = [f for f in near if not _contains(f, without, term)][:1]
         near += [f for f in fits if f.hypothesis in alike - {x.hypothesis for x in near}]
+        near += [f for t in candidates if (f := carried_over(ctx, best.fit, term, t)) is not None]
         nearest = {f.hypothesis for f in near}
         far = [f for f in fits if f.hypothesis not in nearest]
         fits = [*fit(s.sim, near, s.train, white, iterations=ITERATIONS, slopes=slopes), *far]
@@ -267,4 +269,13 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term, *b
         return of("the data do not determine its parameters")
     if rival.directions > best.directions:
         return of("it needs more free parameters for the same fit")
+    if _needs_fewer(s, best.fit, rival.fit, term):
+        return of("it explains as much with fewer effects", better=True)
     return of("the data cannot tell the two apart", tied=True)
+
+
+def _needs_fewer(s: Search, best: Fitted, rival: Fitted, term: Term) -> bool:
+    """Whether an effect that is told beside a term may be nothing beside its rival: the two had stood for one."""
+    here, there = strength(s, best), strength(s, rival)
+    beside = [t for t in best.hypothesis.without(term).named if t in there]
+    return any(there[t] < WITHIN < here[t] for t in beside)

@@ -8,7 +8,7 @@ import pytest
 
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.machine.model import compile_variable
@@ -54,6 +54,22 @@ def test_friction_beside_a_bias_stays_what_it_is():
         data.qfrc_applied[0] += 0.05
 
     assert set(_settled((_rubbing, force), COULOMB, BIAS).terms) == {BIAS, COULOMB}
+
+
+def test_of_two_that_explain_as_much_the_one_with_fewer_effects_is_told():
+    """Beside dry friction a bias of the drive is sure (20 deviations), beside damping it may be none (1)."""
+    ctx = nominal_context(mujoco.MjModel.from_xml_string(PENDULUM))
+    s = SimpleNamespace(sim=SimpleNamespace(ctx=ctx))
+
+    def told(law: Term, bias: float) -> Fitted:
+        h = Hypothesis.of(law, BIAS)
+        theta = h.gather(ctx, {law: np.array([0.1]), BIAS: np.array([bias])})
+        return Fitted(h, theta, theta, cov=np.diag([1e-3**2] * 2))
+
+    best = told(COULOMB, 0.02)
+    assert alternatives._needs_fewer(s, best, told(DAMPING, 0.001), COULOMB)
+    assert not alternatives._needs_fewer(s, best, told(DAMPING, 0.02), COULOMB)
+    assert not alternatives._needs_fewer(s, told(COULOMB, 0.001), told(DAMPING, 0.001), COULOMB)
 
 
 def _on_an_arm(*names: str) -> Hypothesis:
