@@ -102,6 +102,7 @@ ARMS = (
             cross_coupling=("tilt", "bend"),
         ),
         plane=(0, 1, 2),
-        steps=((0.001, "implicitfast"), (0.001, "Euler")),
+        # a servo's braking takes half a step of itself off the inertia
+        steps=((0.00025, "implicitfast"), (0.00025, "Euler")),
     ),
 )

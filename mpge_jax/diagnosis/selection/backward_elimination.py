@@ -19,7 +19,15 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import (
     timing_error,
 )
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
-from mpge_jax.diagnosis.estimation.whitening import HOLDING, INTEGRATOR, Whitener, numerics, whitener
+from mpge_jax.diagnosis.estimation.whitening import (
+    INTEGRATOR,
+    LATE,
+    OLDER,
+    STEP,
+    Whitener,
+    numerics,
+    whitener,
+)
 from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
 from mpge_jax.diagnosis.selection.closer_forms import with_plain
 from mpge_jax.diagnosis.selection.criteria import missed, moves, strength
@@ -30,6 +38,8 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import ELSEWHERE, NAMED, WEAKEST
 
 Array = np.ndarray
+HALF = 0.5
+"""Share of a parameter's shift by another integrator that is a deviation of it."""
 
 
 def needed_fit(s: Search, f: Fitted) -> tuple[Fitted, tuple[Whitener, Whitener]]:
@@ -134,17 +144,34 @@ def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
 
     Times carry `timing_error`. What else machines do otherwise than the model's steps (`numerics`) the fit's whitening
     sees past, and its covariance has lost what that takes away; but a motor that moves by itself within a timestep does
-    so otherwise than the links, and beside one the parameters carry their shifts by each of those changes too (one
-    Gauss-Newton step under a whitening that does not see past them).
+    so otherwise than the links, and beside one the parameters carry their shifts by each of those changes too.
     """
     if not f.theta.size or not f.cov.size:
         return f
     shift = timing_error(f.hypothesis.params(s.sim.ctx), f.theta, w.dt)
     if any(isinstance(REGISTRY[t.plain], Drive) for t in f.hypothesis.terms):
-        white = whitener(s.sim, f.hypothesis, f.theta, w, s.noise)
-        residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
-        for what, change in numerics(s.sim, f.hypothesis, f.theta, w).items():
-            if what not in (INTEGRATOR, HOLDING):
-                moved = white(residual + change)
-                shift = np.hypot(shift, gauss_newton_shift(s.sim, f, w, white, moved))
+        shift = np.hypot(shift, _shifted(s, f, w, (STEP, LATE, OLDER)))
     return replace(f, cov=widened(f.cov, shift))
+
+
+def as_wide_as_integrators_differ(s: Search, f: Fitted, w: Windows) -> Fitted:
+    """The fit with half of what another integrator moves its parameters by in its covariance.
+
+    No machine has one, and by the model's a servo's braking adds half a step of itself to the inertia or takes it away.
+    That moves all such inertias together, so that it says nothing of whether there is one. Not where things touch: the
+    model's steps are a part of its contacts.
+    """
+    if not f.theta.size or not f.cov.size or s.sim.rugged(f.hypothesis):
+        return f
+    return replace(f, cov=widened(f.cov, HALF * _shifted(s, f, w, (INTEGRATOR,))))
+
+
+def _shifted(s: Search, f: Fitted, w: Windows, kinds: tuple[str, ...]) -> Array:
+    """By how much some of the `numerics` shift parameters [p]: by one Gauss-Newton step each, under a whitening that
+    does not see past them."""
+    white, out = whitener(s.sim, f.hypothesis, f.theta, w, s.noise), np.zeros(f.theta.size)
+    residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
+    for what, change in numerics(s.sim, f.hypothesis, f.theta, w).items():
+        if what in kinds:
+            out = np.hypot(out, gauss_newton_shift(s.sim, f, w, white, white(residual + change)))
+    return out

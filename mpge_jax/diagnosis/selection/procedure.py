@@ -20,7 +20,12 @@ from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals, unaffected
-from mpge_jax.diagnosis.selection.backward_elimination import needed_fit, refined, with_timestep_error
+from mpge_jax.diagnosis.selection.backward_elimination import (
+    as_wide_as_integrators_differ,
+    needed_fit,
+    refined,
+    with_timestep_error,
+)
 from mpge_jax.diagnosis.selection.confirmation import confirmed, predicts_better, refitted
 from mpge_jax.diagnosis.selection.criteria import may_be_none
 from mpge_jax.diagnosis.selection.forward_selection import search
@@ -111,12 +116,17 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None], looked: Look | No
             # what is too slight to show in the shorter windows, and what nobody can name, may show in these
             noise, left = what_is_left(p, f, s, longest)
     found, _ = _kept(p, s, Decision(f, rivals, noise, left, longest), "choice")
-    f = found.fit
-    # what nobody knows adds up in longer windows and pulls parameters along, and so do impacts
-    if f.theta.size and found.left is None and c.report_s > c.decide_s and not s.sim.rugged(f.hypothesis):
-        say("refining parameters")
-        found = replace(found, fit=refined(s, f, _longer(p)))
-    return found
+    return _refined(p, s, found)
+
+
+def _refined(p: Prepared, s: Search, found: Decision) -> Decision:
+    """What was found, with parameters that longer windows tell: not where something is left, which adds up in these and
+    pulls parameters along, nor through impacts."""
+    c, f = p.config, found.fit
+    if not f.theta.size or found.left is not None or c.report_s <= c.decide_s or s.sim.rugged(f.hypothesis):
+        return found
+    s.say("refining parameters")
+    return replace(found, fit=refined(s, f, _longer(p)))
 
 
 def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport]:
@@ -126,6 +136,7 @@ def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport
         found, report = _kept(p, s, found, "test")
         sure = replace(found, fit=_with_honest_intervals(p, s, found))
         unsure = may_be_none(s, sure.fit)
+        sure = replace(sure, fit=as_wide_as_integrators_differ(s, sure.fit, _told_by(p, s, found)))
         if not unsure or found.left is not None:
             return sure, report
         f = found.fit.of_terms(p.ctx, found.fit.hypothesis.without(unsure[0]))
@@ -133,7 +144,7 @@ def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport
         if fewer.left is not None:
             return sure, report
         p.warnings += left_out(unsure[:1], MAY_BE_NONE)
-        found = fewer
+        found = _refined(p, s, fewer)
 
 
 def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision, FitReport]:
@@ -167,10 +178,15 @@ def _with_honest_intervals(p: Prepared, s: Search, found: Decision) -> Fitted:
     f = found.fit
     if not f.theta.size or s.sim.rugged(f.hypothesis):
         return f
-    w = s.train if found.left is not None else _longer(p)
+    w = _told_by(p, s, found)
     white = s.whiten_one(f, w)
     f = as_wide_as_recordings_differ(s.sim, f, w, white)
     return beside_inexact_inertias(s.sim, f, w, white, p.config.masses_within)
+
+
+def _told_by(p: Prepared, s: Search, found: Decision) -> Windows:
+    """The windows that told the parameters of what was found."""
+    return s.train if found.left is not None else _longer(p)
 
 
 def _longer(p: Prepared) -> Windows:

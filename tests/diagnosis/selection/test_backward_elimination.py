@@ -14,7 +14,9 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.scored import Scored
 from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.selection import all_joints, backward_elimination
-from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, fitted, slight
+from mpge_jax.diagnosis.selection.backward_elimination import as_wide_as_integrators_differ, final_fit
+from tests.diagnosis.machines import FINE_ARM, record
+from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, fitted, search_of, slight
 
 TERMS, WINDOWS = (COULOMB, DAMPING, GAIN, ARMATURE), 60
 
@@ -77,3 +79,16 @@ def test_what_becomes_likely_as_the_rest_is_fitted_stays(rubbing, monkeypatch):
     looks = iter([[current], []])
     monkeypatch.setattr(backward_elimination, "_simpler", lambda *_: next(looks))
     assert backward_elimination.prune(s, current).hypothesis == current.hypothesis
+
+
+def test_rotor_inertia_is_told_no_better_than_a_servo_brakes_within_a_step():
+    """MuJoCo's implicit steps add h kv to the inertia, for explicit ones: half of that is a deviation."""
+    s, _ = search_of(FINE_ARM, record(FINE_ARM, 0.8, change=lambda m: m.dof_armature.__setitem__(1, 0.01)))
+    (rotor,) = (t for t in s.terms if str(t) == "armature@elbow")
+    f, _ = final_fit(s, fitted(s, {rotor: [0.005]}))
+    wide = as_wide_as_integrators_differ(s, f, s.train)
+    deviation, before = (float(np.sqrt(x.cov[0, 0])) for x in (wide, f))
+    assert (
+        deviation == pytest.approx(np.hypot(before, 0.5 * 0.002 * 0.4), rel=0.15) and deviation > 2 * before
+    )
+    np.testing.assert_array_equal(wide.theta, f.theta)
