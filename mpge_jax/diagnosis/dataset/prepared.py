@@ -35,7 +35,8 @@ class Prepared:
         spec: the nominal description. model: its compiled form (mechanical side: driven by measured forces where these
         exist). train, choice, test: recordings to fit parameters to, to choose effects by, and to compute the reported
         errors on, which nothing else looks at. measured: [nu] whether an actuator's force was measured and commanded.
-        known: [nu] whether that force is its law's, without the noise of its measurement (None: of none).
+        known: [nu] whether that force is its law's, without the noise of its measurement (None: of none). by_law: [nu]
+        whether an actuator is driven by its command, as its law explains the measured force (None: none is).
     """
 
     spec: mujoco.MjSpec
@@ -53,6 +54,12 @@ class Prepared:
     config: Config
     timestep: float
     known: np.ndarray | None = None
+    by_law: np.ndarray | None = None
+
+    @property
+    def by_force(self) -> np.ndarray:
+        """[nu] whether an actuator is driven by the force that was measured on it."""
+        return self.measured if self.by_law is None else self.measured & ~self.by_law
 
     @property
     def looked_at(self) -> tuple[Source, ...]:

@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.recordings.states import Noise, smoothed
 from mpge_jax.diagnosis.simulation.windows import Windows
 
+Array = np.ndarray
 LEAD = 0.2
 """Share of a window's rows, its first ones, that tell where it starts and are not compared."""
 BACK, FEWEST = 48, 4
@@ -31,20 +32,22 @@ def started_from_before(
     """
     if noise.direct or not w.count:
         return w
-    pieces, at, until = [], [], np.zeros(w.count)
+    pieces, jumps, at, until = [], list[Array | None](), [], np.zeros(w.count)
     for k in range(w.count):
         r = w.sources[w.source[k]].recording
         a = int(np.searchsorted(r.time, w.start[k] - 1e-9))
         first = max(0, a - BACK)
         # where a recording begins there is nothing before
         last = max(a, first + FEWEST - 1)
-        pieces.append(rows_of(r, slice(first, last + 1), r.name))
+        rows, told = slice(first, last + 1), w.sources[w.source[k]].states.jumps
+        pieces.append(rows_of(r, rows, r.name))
+        jumps.append(None if told is None else told[rows])
         at.append(a - first)
         length = w.times[k].max()
         until[k] = max(
             LEAD * length if seconds is None else min(seconds, length / 2), r.time[last] - w.start[k]
         )
-    states = smoothed(pieces, model, noise)
+    states = smoothed(pieces, model, noise, jumps)
     lead = w.seen & (w.times <= until[:, None] + 1e-9)
     return replace(
         w,

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.drives.drive_law import Data, Log, between, log_of, residual
+from mpge_jax.diagnosis.drives.drive_law import Data, Log, between, left_open, log_of, residual
 from mpge_jax.diagnosis.drives.drive_remainder import unexplained_drive
 from mpge_jax.diagnosis.drives.law_fit import DELAY
 from mpge_jax.diagnosis.drives.law_search import search_law
@@ -199,7 +199,8 @@ def diagnose_actuators(p: Prepared, nominal: mujoco.MjModel, ids: list[str]) -> 
             [s.recording.time for s in together], [s.recording.known("force")[:, a] for s in together]
         )
         sigma = max(sigma if np.isfinite(sigma) else 0.0, 1e-5 * float(ctx.drive[a]), 1e-9)
-        data, test = Data(logs["train"], logs["choice"], sigma, dt), logs["test"]
+        unsure = left_open(nominal, int(a), together)
+        data, test = Data(logs["train"], logs["choice"], sigma, dt, unsure), logs["test"]
         f = search_law(nominal, ctx, place, data, ids)
         if f.cov.size:
             late = timing_error(f.hypothesis.params(ctx), f.theta, float(nominal.opt.timestep))

@@ -5,6 +5,7 @@ Told from measured forces alone: no motion is simulated.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.step import Fields, Step
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.machine.model import clipped, is_joint_transmission
+from mpge_jax.diagnosis.machine.model import clipped, has_plain_law, is_joint_transmission
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import stroke
 
@@ -154,10 +155,26 @@ def predict(model: mujoco.MjModel, ctx: Context, f: Fitted, actuator: int, log: 
 
 @dataclass
 class Data:
+    """Logs to fit a law to and to choose it by; deviation of the noise in their forces; step (s) of their grid; what
+    the motion that the nominal law acts on leaves open of its forces (rms)."""
+
     train: list[Log]
     held: list[Log]
     sigma: float
     dt: float
+    unsure: float = 0.0
+
+
+def left_open(model: mujoco.MjModel, actuator: int, sources: Sequence[Source]) -> float:
+    """By how much (rms) the force of an actuator's nominal law is unknown as the motion is: 0 of a plain motor."""
+    if model.actuator_biastype[actuator] != mujoco.mjtBias.mjBIAS_AFFINE or not has_plain_law(
+        model, actuator
+    ):
+        return 0.0
+    dof = int(model.jnt_dofadr[model.actuator_trnid[actuator, 0]])
+    slopes = model.actuator_gear[actuator, 0] * model.actuator_biasprm[actuator, 1:3]
+    cov = np.concatenate([s.states.cov[:, dof] for s in sources])
+    return float(np.sqrt(np.mean(slopes @ cov @ slopes)))
 
 
 def residual(model: mujoco.MjModel, ctx: Context, f: Fitted, a: int, logs: list[Log], d: Data) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.dataset.prepared import Prepared, with_drives
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide, diagnose_actuators
 from mpge_jax.diagnosis.drives.force_noise import freed
+from mpge_jax.diagnosis.drives.servo_laws import by_their_laws
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.measurement.encoder_zeros import with_zeros
@@ -21,12 +22,14 @@ OFFSET = "encoder_offset"
 
 def driven_as_found(p: Prepared, plain: mujoco.MjModel) -> tuple[Prepared, ActuatorSide | None]:
     """The same recordings with measured forces freed of their noise, changing between rows as their drives do, and as
-    old as the drives hold them; and what was found of the drives (None: no force was measured)."""
+    old as the drives hold them, or with their laws in place of them; and what was found of the drives (None: no force
+    was measured)."""
     drives = diagnose_actuators(p, plain, _ids(p))
     if drives is None:
         return p, None
     p = freed(p, plain, drives)
     p = with_drives(p, plain, *drives.between_rows(plain))
+    p = by_their_laws(p, plain, drives)
     servos = measured_servos(p, plain)
     age = staleness(p, servos)
     if age:
@@ -36,19 +39,20 @@ def driven_as_found(p: Prepared, plain: mujoco.MjModel) -> tuple[Prepared, Actua
 
 
 def measured_servos(p: Prepared, plain: mujoco.MjModel) -> list[int]:
-    """Servos whose force was measured."""
-    return [a for a in map(int, np.flatnonzero(p.measured)) if is_servo(plain, a)]
+    """Servos that the force measured on them drives."""
+    return [a for a in map(int, np.flatnonzero(p.by_force)) if is_servo(plain, a)]
 
 
 def as_encoders_read(p: Prepared, plain: mujoco.MjModel, drives: ActuatorSide, found: Fitted) -> ActuatorSide:
     """What was found of the drives, looked for again where encoders of joints with servos were found to read otherwise
     than their model has it: taken for the position that a servo acts on, what they read too much is a bias of it."""
     offsets = np.zeros(p.model.nq)
+    # one that is driven by its law acts on what is read
+    joints = {int(plain.actuator_trnid[a, 0]) for a in measured_servos(p, plain)}
     for term, theta in found.hypothesis.split(p.ctx, found.theta).items():
-        if term.id == OFFSET:
+        if term.id == OFFSET and term.place.index in joints:
             offsets[p.ctx.qadr(term.place)] = theta[0]
-    joints = [int(plain.actuator_trnid[a, 0]) for a in measured_servos(p, plain)]
-    if not offsets[[int(plain.jnt_qposadr[j]) for j in joints]].any():
+    if not offsets.any():
         return drives
     read = with_zeros(p, {s.recording.log: offsets for s in p.sources})
     return diagnose_actuators(replace(read, warnings=[]), plain, _ids(p)) or drives

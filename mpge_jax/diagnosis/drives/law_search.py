@@ -11,6 +11,7 @@ from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
@@ -60,6 +61,9 @@ def _one_more(
     if not beyond_doubt(log_ratio(before - after), len(scored)):
         return None
     old, new = (d.sigma * held(f) for f in (current, chosen))
+    if np.sqrt(np.mean((new - old) ** 2)) < WITHIN * d.unsure:
+        # a smoother's errors are no noise: they go with what a servo does, as a gain does
+        return None
     largest, timestep = float(ctx.drive[place.index]), float(model.opt.timestep)
     return None if _is_detail(old, new, d.held, largest, timestep) else chosen
 

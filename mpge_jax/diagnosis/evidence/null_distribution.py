@@ -125,7 +125,15 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
         return Floor()
     segments = [x[0] for x in kept]
     noise = prepared.noise
-    states = (states_as_measured if noise.direct else smoothed)(segments, sim.model, noise)
+    if noise.direct:
+        states = states_as_measured(segments, sim.model, noise)
+    else:
+        jumps = [w.sources[k].states.jumps for _, _, k, _ in kept]
+        its = [
+            None if x is None else x[row : row + r.time.size]
+            for x, (r, _, _, row) in zip(jumps, kept, strict=True)
+        ]
+        states = smoothed(segments, sim.model, noise, its)
     sources = tuple(
         _again(r, s, act, w.sources[k], row) for (r, act, k, row), s in zip(kept, states, strict=True)
     )
@@ -162,7 +170,7 @@ def force_noise(prepared: Prepared) -> Array:
     out = np.zeros(prepared.measured.size)
     plain = compile_variable(prepared.spec)
     times = [s.recording.time for s in prepared.train]
-    noisy = prepared.measured if prepared.known is None else prepared.measured & ~prepared.known
+    noisy = prepared.by_force if prepared.known is None else prepared.by_force & ~prepared.known
     for a in map(int, np.flatnonzero(noisy)):
         forces = [s.recording.known("force")[:, a] for s in prepared.train]
         levels = [column_noise(times, forces)[0]]

@@ -54,7 +54,7 @@ def _tells(m: mujoco.MjModel, a: int) -> bool:
 def _told(p: Prepared, s: Source) -> Source:
     """A recording with what drives give by their model in place of commands, in units of these. Nothing filtered it."""
     m, command = p.model, clipped(p.model, s.command)
-    for a in np.flatnonzero(~p.measured):
+    for a in np.flatnonzero(~p.by_force):
         # a command is held from its row to the next, and the motion at a row is that of the intervals around it
         command[1:, a] = 0.5 * (command[1:, a] + command[:-1, a])
         joint, gear = int(m.actuator_trnid[a, 0]), m.actuator_gear[a, 0]
@@ -63,5 +63,5 @@ def _told(p: Prepared, s: Source) -> Source:
         if m.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE:
             position, speed = m.actuator_biasprm[a, 1:3]
             command[:, a] += gear * (position * q + speed * v) / m.actuator_gainprm[a, 0]
-    force = np.where(p.measured, s.recording.known("force"), np.nan)
+    force = np.where(p.by_force, s.recording.known("force"), np.nan)
     return s.rebuilt(command=command, recording=replace(s.recording, force=force))

@@ -25,11 +25,13 @@ class Smoothed:
         mean: [T, 3] position, velocity, acceleration.
         cov: [T, 3, 3] their covariance.
         intensity: [T] of the jerk.
+        likelihood: logarithm of the measurements' one, nan where intensities were given.
     """
 
     mean: Array
     cov: Array
     intensity: Array
+    likelihood: float
 
 
 def _transition(dt: Array) -> tuple[Array, Array]:
@@ -147,13 +149,19 @@ def smooth(series: list[Series], intensity: list[Array] | None = None) -> list[S
         loglik, _ = _filter(dt, y, r, np.tile(INTENSITIES, (batch, 1)), keep=False)
         owner = np.array([p[0] for p in pieces])
         pooled = np.array([loglik[owner == owner[k]].mean(0) for k in range(batch)])
-        best = INTENSITIES[np.argmax(loglik + 0.1 * pooled, axis=1)]
+        likeliest = np.argmax(loglik + 0.1 * pooled, axis=1)
+        best, reached = INTENSITIES[likeliest], np.take_along_axis(loglik, likeliest[:, None], 1)[:, 0]
+        likelihood = np.bincount(owner, reached, minlength=len(series))
     else:
+        likelihood = np.full(len(series), np.nan)
         best = np.array([intensity[i][first] for i, _, _, first, _ in pieces])
     _, moments = _filter(dt, y, r, best[:, None], keep=True)
     mean, cov = _smooth(dt, moments)
     sizes = [s.time.size for s in series]
-    out = [Smoothed(np.empty((n, 3)), np.empty((n, 3, 3)), np.empty(n)) for n in sizes]
+    out = [
+        Smoothed(np.empty((n, 3)), np.empty((n, 3, 3)), np.empty(n), float(x))
+        for n, x in zip(sizes, likelihood, strict=True)
+    ]
     for k, (i, a, _, first, last) in enumerate(pieces):
         m = mean[first - a : last - a, k, 0].copy()
         m[:, 0] += series[i].position[a]

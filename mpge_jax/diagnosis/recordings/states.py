@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -14,6 +15,7 @@ from mpge_jax.diagnosis.recordings.clock_noise import stamp_deviation
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
 from mpge_jax.diagnosis.recordings.noise_level import column_noise, held_error
 from mpge_jax.diagnosis.recordings.recording import Recording
+from mpge_jax.diagnosis.recordings.rows.command_jumps import answer, lasting
 
 Array = np.ndarray
 SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR = 1e-6, 1e-5
@@ -23,6 +25,11 @@ INEXACT_STAMPS = (
     "the time stamps are inexact by about {:.2g} ms: the noise of positions grows with the speed, alike at all joints; "
     "this is taken into account."
 )
+LIKELIER, SHOWN = 3.0, 1.0
+"""Logarithm of the odds from which on jumps with commands are heeded, and by how many deviations of a velocity they
+must move it to be asked about."""
+STEPS = 2
+"""Timesteps of the model that answers to jumps must last at least."""
 MAX_ROWS = 60_000
 """Most rows smoothed over all recordings; longer logs are read in stretches."""
 
@@ -59,12 +66,14 @@ class States:
     Attributes:
         qpos: [T, nq]. qvel: [T, nv]. qacc: [T, nv].
         cov: [T, nv, 2, 2] covariance of (position, velocity) per degree of freedom.
+        jumps: [T, nv] of accelerations with commands that these were told with, None: without any.
     """
 
     qpos: Array
     qvel: Array
     qacc: Array
     cov: Array
+    jumps: Array | None = None
 
 
 def _dofs(model: mujoco.MjModel) -> dict[int, int]:
@@ -74,9 +83,17 @@ def _dofs(model: mujoco.MjModel) -> dict[int, int]:
 
 
 def estimate(
-    recordings: list[Recording], model: mujoco.MjModel, names: Names, recorded: list[Recording] | None = None
+    recordings: list[Recording], model: mujoco.MjModel, names: Names
 ) -> tuple[Noise, list[States], list[str]]:
-    """Noise levels and smoothed states. Returns warnings too.
+    """Noise levels and smoothed states. Returns warnings too."""
+    noise, warnings = noise_of(recordings, model, names)
+    return noise, smoothed(recordings, model, noise), warnings
+
+
+def noise_of(
+    recordings: list[Recording], model: mujoco.MjModel, names: Names, recorded: list[Recording] | None = None
+) -> tuple[Noise, list[str]]:
+    """Noise levels, and warnings.
 
     Args:
         recorded: the recordings before any reading was corrected, if that happened.
@@ -115,8 +132,7 @@ def estimate(
             joints = sorted({names.joint_of_dof(model, d) for d in unused})
             warnings.append(f"recorded velocities of {', '.join(joints)} {why}")
             qvel_noise[unused] = np.inf
-    noise = Noise(qpos_noise, qvel_noise, quanta, stamp=stamp)
-    return noise, smoothed(recordings, model, noise), warnings
+    return Noise(qpos_noise, qvel_noise, quanta, stamp=stamp), warnings
 
 
 def _as_others(recordings: list[Recording], model: mujoco.MjModel, noise: Array, quanta: Array) -> None:
@@ -134,9 +150,60 @@ def _as_others(recordings: list[Recording], model: mujoco.MjModel, noise: Array,
                 noise[c] = max(np.nan_to_num(noise[c]), min(known) / np.sqrt(12))
 
 
-def smoothed(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -> list[States]:
-    """States along recordings whose noise is known."""
-    dofs = _dofs(model)
+def smoothed(
+    recordings: list[Recording],
+    model: mujoco.MjModel,
+    noise: Noise,
+    jumps: Sequence[Array | None] | None = None,
+) -> list[States]:
+    """States along recordings whose noise is known, with the `command_jumps` [T, nv] of each, if any."""
+    return _smoothed(recordings, model, noise, jumps)[0]
+
+
+def told_with_commands(
+    recordings: list[Recording],
+    model: mujoco.MjModel,
+    noise: Noise,
+    jumps: Sequence[Array],
+    looked_at: int,
+) -> list[States]:
+    """`smoothed` with the `command_jumps` [T, nv] of the recordings, at those degrees of freedom where they make the
+    positions of the first `looked_at` recordings likelier: a machine may do otherwise than its model, or at other rows.
+    """
+    (without, likelihood), out = _smoothed(recordings, model, noise), []
+    step = float(model.opt.timestep)
+    if not any(_shows(*each, step) for each in zip(recordings, without, jumps, strict=True)):
+        return without
+    those, reached = _smoothed(recordings, model, noise, jumps)
+    heeded = (reached - likelihood)[:looked_at].sum(0) > LIKELIER
+    columns = [column for column, dof in _dofs(model).items() if heeded[dof]]
+    for states, its, each in zip(without, those, jumps, strict=True):
+        states.qpos[:, columns] = its.qpos[:, columns]
+        for to, of in ((states.qvel, its.qvel), (states.qacc, its.qacc), (states.cov, its.cov)):
+            to[:, heeded] = of[:, heeded]
+        out.append(replace(states, jumps=np.where(heeded, each, 0.0)))
+    return out if heeded.any() else without
+
+
+def _shows(r: Recording, states: States, jumps: Array, timestep: float) -> bool:
+    """Whether jumps move any velocity by what is unknown of it, and their answers last for steps of a model, by whose
+    half its velocities are of another moment anyway."""
+    if r.time.size < 2 or lasting(r.time) < STEPS * timestep:
+        return False
+    moved = lasting(r.time) * np.sqrt((jumps**2).mean(0))
+    return bool((moved > SHOWN * np.sqrt(states.cov[:, :, 1, 1].mean(0))).any())
+
+
+def _smoothed(
+    recordings: list[Recording],
+    model: mujoco.MjModel,
+    noise: Noise,
+    jumps: Sequence[Array | None] | None = None,
+) -> tuple[list[States], Array]:
+    """States, and the logarithms of the likelihoods of what was measured [recordings, nv]."""
+    dofs, given = _dofs(model), jumps or [None] * len(recordings)
+    likelihood = np.zeros((len(recordings), model.nv))
+    answers: list[tuple[Array, Array, Array]] = []
     series: list[Series] = []
     owner: list[tuple[int, int, int]] = []
     states = []
@@ -147,7 +214,10 @@ def smoothed(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -
         cov[:, :, 0, 0] = SIGMA_FLOOR**2
         cov[:, :, 1, 1] = np.where(np.isnan(measured_v), UNKNOWN_VELOCITY, np.minimum(noise.qvel, 1.0)) ** 2
         qpos = np.where(np.isnan(r.qpos), model.qpos0, r.qpos)
-        states.append(States(qpos, np.nan_to_num(measured_v), np.zeros((rows, model.nv)), cov))
+        states.append(States(qpos, np.nan_to_num(measured_v), np.zeros((rows, model.nv)), cov, given[i]))
+        known = given[i]
+        answers.append(answer(r.time, np.zeros((rows, model.nv)) if known is None else known))
+        known_q, known_v, _ = answers[i]
         for column, dof in dofs.items():
             if np.isnan(r.qpos[:, column]).all():
                 continue
@@ -164,8 +234,8 @@ def smoothed(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -
             series.append(
                 Series(
                     r.time,
-                    r.qpos[:, column],
-                    measured_v[:, dof] if usable else None,
+                    r.qpos[:, column] - known_q[:, dof],
+                    measured_v[:, dof] - known_v[:, dof] if usable else None,
                     np.sqrt(level**2 + held**2 + (noise.stamp * _speed(r.time, r.qpos[:, column])) ** 2),
                     float(noise.qvel[dof]) if usable else 1.0,
                 )
@@ -173,13 +243,13 @@ def smoothed(recordings: list[Recording], model: mujoco.MjModel, noise: Noise) -
             owner.append((i, column, dof))
     if series:
         for (i, column, dof), estimate_ in zip(owner, smooth(series), strict=True):
-            states[i].qpos[:, column] = estimate_.mean[:, 0]
-            states[i].qvel[:, dof] = estimate_.mean[:, 1]
-            states[i].qacc[:, dof] = estimate_.mean[:, 2]
+            told = (x + its[:, dof] for x, its in zip(estimate_.mean.T, answers[i], strict=True))
+            states[i].qpos[:, column], states[i].qvel[:, dof], states[i].qacc[:, dof] = told
             states[i].cov[:, dof] = estimate_.cov[:, :2, :2]
+            likelihood[i, dof] = estimate_.likelihood
     for r, s in zip(recordings, states, strict=True):
         _rotations(r, s, model, noise)
-    return states
+    return states, likelihood
 
 
 def _speed(time: Array, value: Array) -> Array:

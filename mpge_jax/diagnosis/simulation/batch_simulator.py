@@ -98,7 +98,8 @@ class Simulator:
         threads: of the engine. work: steps that were asked for, by cost: nv^1.5 each, four times that with
         Runge-Kutta. stride: steps that are simulated as one where what a change does is asked for
         (`cheaper_steps.stride`). known: what was simulated, which is not done twice. always: terms with their flat
-        parameters that act in every run. guided: degrees of freedom that move as recorded. timestep: the model's (s).
+        parameters that act in every run. guided: degrees of freedom that move as recorded. on_readings: servos that act
+        on what the encoders of their joints read. timestep: the model's (s).
     """
 
     model: mujoco.MjModel
@@ -109,6 +110,7 @@ class Simulator:
     known: Remembered = field(default_factory=Remembered)
     always: tuple[Hypothesis, Array] = (Hypothesis(), np.zeros(0))
     guided: tuple[int, ...] = ()
+    on_readings: tuple[int, ...] = ()
     timestep: float = 0.0
     _larger: tuple[Windows, int, Windows] | None = None
 
@@ -205,6 +207,7 @@ class Simulator:
         groups = self._groups(runs, rows_of)
         self._apply_models(batch, groups)
         offset, delay = self._senses(groups, n)
+        self._read(batch, offset)
         q0, v0 = self._starts(runs, w, window, offset, delay)
         batch.bind("qpos")[:], batch.bind("qvel")[:] = q0, v0
         commands = Commands(w, window, self._changed(groups, w, window))
@@ -262,6 +265,16 @@ class Simulator:
                 offset[g.rows, dof] += o
                 delay[g.rows, dof] += d
         return offset, delay
+
+    def _read(self, batch: Batch, offset: Array) -> None:
+        """Let servos act on positions with the encoders' offsets [n, nv] where they act on what is read."""
+        m = self.model
+        for a in self.on_readings:
+            off = offset[:, m.jnt_dofadr[m.actuator_trnid[a, 0]]]
+            (rows,) = np.nonzero(off)
+            if rows.size:
+                bias = batch.expand("actuator_biasprm")
+                bias[rows, a, 0] += bias[rows, a, 1] * m.actuator_gear[a, 0] * off[rows]
 
     def _starts(
         self, runs: list[Run], w: Windows, window: Array, offset: Array, delay: Array

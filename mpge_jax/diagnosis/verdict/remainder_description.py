@@ -115,7 +115,7 @@ def describe(p: Prepared, left: Remainder, share: float) -> dict[str, Any]:
     directions = ("pushes forwards", "pushes backwards")
     sizes = {}
     for a, name in enumerate(p.names.actuators):
-        what = "measured force" if p.measured[a] else "command"
+        what = "measured force" if p.by_force[a] else "command"
         sizes[f"size of the {what} of {name}"] = np.abs(w.command[:, w.history :, a]).mean(1)
     joint = int(p.model.dof_jntid[worst])
     clues = {"speed of the joint": np.abs(w.v0[:, worst]), "time since the start": w.start, **sizes}

@@ -223,6 +223,19 @@ def test_a_servo_that_was_found_to_differ_jumps_as_it_does(change):
     np.testing.assert_allclose(np.diff(again.integral, axis=0), 0.01 * mean, atol=2e-4)
 
 
+@pytest.mark.parametrize("unsure", [0.0, 0.3])
+def test_a_gain_that_changes_no_more_than_the_motion_leaves_open_is_none(unsure):
+    """A tenth more of forces of about 1 N m."""
+    model = mujoco.MjModel.from_xml_string(MOTOR)
+    rng, u, rows = np.random.default_rng(0), np.sin(0.2 * np.arange(400)), np.arange(400)
+    still, noise = np.zeros(400), 0.002 * rng.standard_normal(400)
+    log = Log("r", 0.01 * rows, u[None], rows, 1.1 * u + noise, still, still, rows // 25)
+    data = Data([log], [log], 0.002, 0.01, unsure)
+    ctx = dataclasses.replace(nominal_context(model), drive=np.array([1.0]))
+    found = search_law(model, ctx, Place("actuator", "motor", 0), data, ["actuator_gain"])
+    assert [t.id for t in found.hypothesis.terms] == ([] if unsure else ["actuator_gain"])
+
+
 def test_a_late_servos_force_jumps_elsewhere():
     p, _ = _search(_driven(0.0, count=2))
     plain = compile_variable(p.spec)

@@ -72,7 +72,7 @@ def test_what_noise_leaves_is_told_with_readings_rounded_as_they_are(coarse, mon
     told = []
     own = null_distribution.smoothed
 
-    def smoothed(segments, model, noise):
+    def smoothed(segments, model, noise, jumps):
         told.extend(segments)
         return own(segments, model, noise)
 
@@ -95,7 +95,7 @@ def test_a_missing_first_reading_takes_no_other_with_it(coarse, monkeypatch):
         w.qpos[:, 0] = np.nan
         return w
 
-    def smoothed(segments, _model, _noise):
+    def smoothed(segments, _model, _noise, _jumps):
         told.extend(segments)
         raise Told
 

@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
 from mpge_jax.diagnosis.recordings.noise_level import column_noise, difference_noise, noise_level, quantum
 from mpge_jax.diagnosis.recordings.rows.clock_stamps import at_their_stamps, early
-from mpge_jax.diagnosis.recordings.states import estimate
+from mpge_jax.diagnosis.recordings.states import estimate, noise_of
 from tests.diagnosis.machines import PENDULUM
 
 
@@ -154,7 +154,7 @@ def test_derived_velocities_are_known_beside_readings_that_were_moved():
     recorded = [Recording("r", stamp, q, v[:, None], None)]
     moved, warnings = at_their_stamps(recorded, model, names_of(model))
     assert len(warnings) == 1 and (moved[0].qpos != q).any()
-    noise, _, _ = estimate(moved, model, names_of(model), recorded)
+    noise, _ = noise_of(moved, model, names_of(model), recorded)
     assert np.isinf(noise.qvel[0])
 
 
