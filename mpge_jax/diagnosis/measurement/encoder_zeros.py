@@ -154,9 +154,11 @@ def _with_plain(p: Prepared, f: Fitted) -> Fitted:
 
 
 def _joints(p: Prepared) -> list[Place]:
-    """Joints with bearings whose position was measured in every recording."""
+    """Joints with bearings whose position was measured in every recording, but those of servos that act on what is
+    read, zeros and all."""
     measured = np.all([~np.isnan(s.recording.qpos).any(0) for s in p.sources], axis=0)
-    return [j for j in default_places(p.ctx, "joint") if measured[p.ctx.qadr(j)]]
+    servos = p.model.actuator_trnid[list(p.sim.on_readings), 0]
+    return [j for j in default_places(p.ctx, "joint") if measured[p.ctx.qadr(j)] and j.index not in servos]
 
 
 def _group(p: Prepared) -> _Group | None:

@@ -30,9 +30,9 @@ MORE = np.array([0.09, 0.05])
 """Damping that the machine has beside its model's."""
 
 
-def _recordings(gain: float = 1.0, ripple: float = 0.0, off: float = 0.0) -> list[Recording]:
+def _recordings(gain: float = 1.0, ripple: float = 0.0, off: float = 0.0, late: int = 0) -> list[Recording]:
     """Rows of 10 ms. The servo of the shoulder gives `gain` times its force and a `ripple` that only time sets, and its
-    encoder, on which it acts, reads `off` too much."""
+    encoder, on which it acts, reads `off` too much; its commands reach it `late` rows late."""
     model = mujoco.MjModel.from_xml_string(ARM)
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_EULER
     model.dof_damping[:] += MORE
@@ -41,10 +41,12 @@ def _recordings(gain: float = 1.0, ripple: float = 0.0, off: float = 0.0) -> lis
     model.actuator_biasprm[0, 0] += model.actuator_biasprm[0, 1] * off
     rng, out = np.random.default_rng(0), []
     for k in range(4):
-        data, rows = mujoco.MjData(model), []
+        data, rows, sent = mujoco.MjData(model), [], [0.0] * late
         for i in range(400):
             t = ROW * i
             data.ctrl[:] = u = excitation(k % 2 * 2, t, np.arange(2) + k, np.full(2, 0.8))
+            sent.append(u[0])
+            data.ctrl[0] = sent[i]
             shaken = ripple * np.sin(31.0 * t + np.cumsum(np.sin(7.0 * t)))[0] * np.array([1.0, 0.0])
             data.qfrc_applied[:] = shaken
             mujoco.mj_forward(model, data)
@@ -100,7 +102,7 @@ def test_the_forces_that_were_measured_still_say_what_is_missing(ordinary):
         assert parts[term][0] == pytest.approx(more, rel=0.25)
 
 
-@pytest.mark.parametrize("unlike", [{"gain": 0.8}, {"ripple": 0.3}])
+@pytest.mark.parametrize("unlike", [{"gain": 0.8}, {"ripple": 0.3}, {"late": 1}])
 def test_a_servo_that_does_not_do_as_modelled_is_driven_by_its_forces(unlike):
     p, driven = _driven(_recordings(**unlike))
     assert driven.by_law.tolist() == [False, True] and driven.by_force.tolist() == [True, False]

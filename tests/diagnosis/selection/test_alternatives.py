@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.selection import alternatives
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals, unaffected
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, prune
 from mpge_jax.diagnosis.selection.procedure import Decision, with_fewer
-from tests.diagnosis.machines import ARM, PENDULUM, really_sticks, record
+from tests.diagnosis.machines import ARM, FINE_ARM, PENDULUM, really_sticks, record
 from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, HINGE, MOTOR, fitted, search_of
 
 BIAS, BY_DIRECTION = Term("actuator_bias", MOTOR), Term("asymmetric_friction", HINGE)
@@ -70,6 +70,29 @@ def test_of_two_that_explain_as_much_the_one_with_fewer_effects_is_told():
     assert alternatives._needs_fewer(s, best, told(DAMPING, 0.001), COULOMB)
     assert not alternatives._needs_fewer(s, best, told(DAMPING, 0.02), COULOMB)
     assert not alternatives._needs_fewer(s, told(COULOMB, 0.001), told(DAMPING, 0.001), COULOMB)
+
+
+def test_a_payload_takes_the_place_of_one_at_the_next_body_and_of_what_stood_beside_it():
+    """Beside the axis of the upper arm, near the elbow: on the forearm, where it turns with that, it needs a shifted
+    encoder."""
+
+    def carrying(model: mujoco.MjModel) -> None:
+        body, mass, at = model.body("upper").id, 0.4, np.array([0.03, 0.0, -0.29])
+        m, centre = model.body_mass[body], model.body_ipos[body].copy()
+        new = (m * centre + mass * at) / (m + mass)
+        for what, x in ((m, centre), (mass, at)):
+            d = x - new
+            model.body_inertia[body] += what * (d @ d - d**2)
+        model.body_mass[body], model.body_ipos[body] = m + mass, new
+
+    s, _ = search_of(FINE_ARM, record(FINE_ARM, [2.0, 0.8], change=carrying))
+    wrong = {str(t): t for t in s.terms}
+    fore, off = wrong["payload_mass@fore"], wrong["encoder_offset@shoulder"]
+    f, whites = final_fit(s, fitted(s, {fore: [0.4, 0.0, 0.0, 0.0], off: [-0.02]}))
+    better = better_rival(find_rivals(s, s.score([f], whites)[0], whites, []))
+    assert better is not None and str(better.term) == "payload_mass@upper"
+    (left,) = prune(s, better.fit).hypothesis.terms
+    assert str(left) == "payload_mass@upper"
 
 
 def _on_an_arm(*names: str) -> Hypothesis:
