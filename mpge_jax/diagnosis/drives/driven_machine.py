@@ -15,6 +15,8 @@ from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.measurement.encoder_zeros import with_zeros
 from mpge_jax.diagnosis.measurement.servo_force_age import aged, describe_age, staleness
+from mpge_jax.diagnosis.recordings.rows.command_jumps import command_jumps
+from mpge_jax.diagnosis.recordings.states import told_with_commands
 from mpge_jax.diagnosis.simulation.measured_drives import is_servo
 
 OFFSET = "encoder_offset"
@@ -24,18 +26,31 @@ def driven_as_found(p: Prepared, plain: mujoco.MjModel) -> tuple[Prepared, Actua
     """The same recordings with measured forces freed of their noise, changing between rows as their drives do, and as
     old as the drives hold them, or with their laws in place of them; and what was found of the drives (None: no force
     was measured)."""
-    drives = diagnose_actuators(p, plain, _ids(p))
+    at_rows = _as_drives_see_it(p, plain)
+    drives = diagnose_actuators(at_rows, plain, _ids(p))
     if drives is None:
         return p, None
     p = freed(p, plain, drives)
     p = with_drives(p, plain, *drives.between_rows(plain))
-    p = by_their_laws(p, plain, drives)
+    p = by_their_laws(p, at_rows, plain, drives)
     servos = measured_servos(p, plain)
     age = staleness(p, servos)
     if age:
         p.warnings.append(describe_age(age))
         p = aged(p, servos, age)
     return p, drives
+
+
+def _as_drives_see_it(p: Prepared, plain: mujoco.MjModel) -> Prepared:
+    """The same with the motion as it is at the rows, where servos' measured forces are compared with what they make of
+    it: accelerations jump there with the commands."""
+    if p.noise.direct or not measured_servos(p, plain) or any(s.recording.ctrl is None for s in p.sources):
+        return p
+    recordings = [s.recording for s in p.sources]
+    jumps = [command_jumps(r, plain) for r in recordings]
+    states = told_with_commands(recordings, p.model, p.noise, jumps, len(p.looked_at), simulated=False)
+    each = iter(states)
+    return p.mapped(lambda s: replace(s, states=next(each)))
 
 
 def measured_servos(p: Prepared, plain: mujoco.MjModel) -> list[int]:
@@ -55,6 +70,7 @@ def as_encoders_read(p: Prepared, plain: mujoco.MjModel, drives: ActuatorSide, f
     if not offsets.any():
         return drives
     read = with_zeros(p, {s.recording.log: offsets for s in p.sources})
+    read = _as_drives_see_it(read, plain)
     return diagnose_actuators(replace(read, warnings=[]), plain, _ids(p)) or drives
 
 

@@ -28,19 +28,19 @@ from mpge_jax.diagnosis.simulation.scales import build_context
 Array = np.ndarray
 
 
-def by_their_laws(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
+def by_their_laws(p: Prepared, at_rows: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
     """The machine whose servos do as the model says, where that explains what was measured of them.
 
     Such a servo acts on what the encoder of its joint reads: so its law was found to hold.
 
     Args:
-        plain: the nominal model. found: what its drives lack.
+        at_rows: the same with the motion as it is at the rows. plain: the nominal model. found: what its drives lack.
     """
     unlike = {*found.laws, *(p.names.actuators.index(at) for entry in found.left for at in entry["at"])}
     by_law = np.zeros_like(p.measured)
     for a in map(int, np.flatnonzero(p.measured)):
         servo = is_servo(plain, a) and plain.actuator_gainprm[a, 0] != 0.0
-        by_law[a] = servo and a not in unlike and _explained(p, plain, found, a)
+        by_law[a] = servo and a not in unlike and _explained(at_rows, plain, found, a)
     if not by_law.any():
         return p
     spec = drive_by_force(p.spec, p.measured & ~by_law)

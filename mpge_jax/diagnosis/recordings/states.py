@@ -29,7 +29,7 @@ LIKELIER, SHOWN = 3.0, 1.0
 """Logarithm of the odds from which on jumps with commands are heeded, and by how many deviations of a velocity they
 must move it to be asked about."""
 STEPS = 2
-"""Timesteps of the model that answers to jumps must last at least."""
+"""Timesteps of the model that answers to jumps must last at least where simulations start from the states."""
 MAX_ROWS = 60_000
 """Most rows smoothed over all recordings; longer logs are read in stretches."""
 
@@ -166,13 +166,18 @@ def told_with_commands(
     noise: Noise,
     jumps: Sequence[Array],
     looked_at: int,
+    simulated: bool = True,
 ) -> list[States]:
     """`smoothed` with the `command_jumps` [T, nv] of the recordings, at those degrees of freedom where they make the
     positions of the first `looked_at` recordings likelier: a machine may do otherwise than its model, or at other rows.
+
+    Args:
+        simulated: whether simulations start from these states: in their steps velocities are of half a step before,
+            which is more than jumps do that last for few of them.
     """
     (without, likelihood), out = _smoothed(recordings, model, noise), []
-    step = float(model.opt.timestep)
-    if not any(_shows(*each, step) for each in zip(recordings, without, jumps, strict=True)):
+    least = STEPS * float(model.opt.timestep) if simulated else 0.0
+    if not any(_shows(*each, least) for each in zip(recordings, without, jumps, strict=True)):
         return without
     those, reached = _smoothed(recordings, model, noise, jumps)
     heeded = (reached - likelihood)[:looked_at].sum(0) > LIKELIER
@@ -185,10 +190,9 @@ def told_with_commands(
     return out if heeded.any() else without
 
 
-def _shows(r: Recording, states: States, jumps: Array, timestep: float) -> bool:
-    """Whether jumps move any velocity by what is unknown of it, and their answers last for steps of a model, by whose
-    half its velocities are of another moment anyway."""
-    if r.time.size < 2 or lasting(r.time) < STEPS * timestep:
+def _shows(r: Recording, states: States, jumps: Array, least: float) -> bool:
+    """Whether jumps move any velocity by what is unknown of it, and their answers last so long (s) at least."""
+    if r.time.size < 2 or lasting(r.time) < least:
         return False
     moved = lasting(r.time) * np.sqrt((jumps**2).mean(0))
     return bool((moved > SHOWN * np.sqrt(states.cov[:, :, 1, 1].mean(0))).any())

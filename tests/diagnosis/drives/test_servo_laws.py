@@ -6,6 +6,7 @@ import pytest
 
 from mpge_jax.diagnosis import Recording
 from mpge_jax.diagnosis.dataset.prepared import Prepared
+from mpge_jax.diagnosis.drives import driven_machine
 from mpge_jax.diagnosis.drives.driven_machine import driven_as_found
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -30,7 +31,9 @@ MORE = np.array([0.09, 0.05])
 """Damping that the machine has beside its model's."""
 
 
-def _recordings(gain: float = 1.0, ripple: float = 0.0, off: float = 0.0, late: int = 0) -> list[Recording]:
+def _recordings(
+    gain: float = 1.0, ripple: float = 0.0, off: float = 0.0, late: int = 0, noise: float = 2e-4
+) -> list[Recording]:
     """Rows of 10 ms. The servo of the shoulder gives `gain` times its force and a `ripple` that only time sets, and its
     encoder, on which it acts, reads `off` too much; its commands reach it `late` rows late."""
     model = mujoco.MjModel.from_xml_string(ARM)
@@ -53,7 +56,7 @@ def _recordings(gain: float = 1.0, ripple: float = 0.0, off: float = 0.0, late: 
             rows.append((t, data.qpos + np.array([off, 0.0]), u, data.actuator_force + shaken))
             mujoco.mj_step(model, data, round(ROW / STEP))
         time, q, u, force = (np.array(x) for x in zip(*rows, strict=True))
-        q, force = (x + s * rng.standard_normal(x.shape) for x, s in ((q, 2e-4), (force, NOISE)))
+        q, force = (x + s * rng.standard_normal(x.shape) for x, s in ((q, noise), (force, NOISE)))
         out.append(Recording(f"run_{k}", time, q, None, u, force))
     return out
 
@@ -121,3 +124,17 @@ def test_a_servo_acts_on_what_its_encoder_reads():
     h = Hypothesis.of(*DAMPING, offset)
     found = dict(zip(h.terms, _fitted(driven, *h.terms, start=0.03), strict=True))
     assert found[offset] == pytest.approx(0.1, rel=0.05)
+
+
+def test_laws_are_told_of_the_motion_at_the_rows_where_accelerations_jump(monkeypatch):
+    """In steps of 2 ms rows of 10 ms are too fast for simulations to start so."""
+    coarse = ARM.replace('timestep="0.001"', 'timestep="0.002"')
+    p, seen = prepared_of(coarse, _recordings(noise=1e-5)), []
+    own = driven_machine.diagnose_actuators
+    monkeypatch.setattr(
+        driven_machine, "diagnose_actuators", lambda p, *rest: seen.append(p) or own(p, *rest)
+    )
+    driven, _ = driven_as_found(p, compile_variable(p.spec))
+    assert all(s.states.jumps is None for s in driven.sources)
+    for s, x in zip(p.sources, seen[0].sources, strict=True):
+        assert s.recording is x.recording and x.states.jumps.any(0).all()
