@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.measurement.encoder_zeros import with_zeros
 from mpge_jax.diagnosis.measurement.servo_force_age import aged, describe_age, staleness
 from mpge_jax.diagnosis.recordings.rows.command_jumps import command_jumps
 from mpge_jax.diagnosis.recordings.states import told_with_commands
+from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import is_servo
 
 OFFSET = "encoder_offset"
@@ -61,17 +62,27 @@ def measured_servos(p: Prepared, plain: mujoco.MjModel) -> list[int]:
 def as_encoders_read(p: Prepared, plain: mujoco.MjModel, drives: ActuatorSide, found: Fitted) -> ActuatorSide:
     """What was found of the drives, looked for again where encoders of joints with servos were found to read otherwise
     than their model has it: taken for the position that a servo acts on, what they read too much is a bias of it."""
-    offsets = np.zeros(p.model.nq)
-    # one that is driven by its law acts on what is read
-    joints = {int(plain.actuator_trnid[a, 0]) for a in measured_servos(p, plain)}
-    for term, theta in found.hypothesis.split(p.ctx, found.theta).items():
+    offsets, unsure = np.zeros(p.model.nq), np.zeros(p.model.nv)
+    # of one that does as its model says on what is read there is nothing to be told otherwise
+    servos = {*measured_servos(p, plain), *(a for a in drives.laws if is_servo(plain, a))}
+    joints = {int(plain.actuator_trnid[a, 0]) for a in servos}
+    h = found.hypothesis
+    for term, part in zip(h.terms, h.slices(p.ctx), strict=True):
         if term.id == OFFSET and term.place.index in joints:
-            offsets[p.ctx.qadr(term.place)] = theta[0]
+            offsets[p.ctx.qadr(term.place)] = found.theta[part.start]
+            unsure[p.ctx.dof(term.place)] = found.cov[part.start, part.start] if found.cov.size else 0.0
     if not offsets.any():
         return drives
     read = with_zeros(p, {s.recording.log: offsets for s in p.sources})
-    read = _as_drives_see_it(read, plain)
+    read = _as_drives_see_it(read, plain).mapped(lambda s: _less_sure(s, unsure))
     return diagnose_actuators(replace(read, warnings=[]), plain, _ids(p)) or drives
+
+
+def _less_sure(s: Source, variance: np.ndarray) -> Source:
+    """A recording whose positions are unknown by more, all alike: by this variance [nv]."""
+    cov = s.states.cov.copy()
+    cov[:, :, 0, 0] += variance
+    return replace(s, states=replace(s.states, cov=cov))
 
 
 def _ids(p: Prepared) -> list[str]:

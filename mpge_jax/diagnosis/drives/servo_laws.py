@@ -2,8 +2,8 @@
 
 Between rows a servo's force follows the motion, in steps of the servo's own. A force that is read from the rows follows
 neither, and what it is off by passes for damping and rotor inertia: a force half a millisecond late, of a servo of
-stiffness kp, for 0.0005 kp of damping. Where the model's law explains the measured forces, it says what the force is at
-every moment, and holds the machine as it was held, so that noise and starts die away instead of adding up.
+stiffness kp, for 0.0005 kp of damping. Where the law that was found explains the measured forces, it says what the
+force is at every moment, and holds the machine as it was held, so that noise and starts die away instead of adding up.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide
+from mpge_jax.diagnosis.drives.command_to_force import LATE, MOVING, ActuatorSide
 from mpge_jax.diagnosis.drives.drive_law import left_open, log_of, predict
 from mpge_jax.diagnosis.drives.drive_remainder import outside
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.machine.model import clipped, compile_variable
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
@@ -29,14 +30,16 @@ Array = np.ndarray
 
 
 def by_their_laws(p: Prepared, at_rows: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
-    """The machine whose servos do as the model says, where that explains what was measured of them.
+    """The machine whose servos do as was found of their laws, where that explains what was measured of them; but late
+    ones, of which forces at rows tell the delay to a row only.
 
     Such a servo acts on what the encoder of its joint reads: so its law was found to hold.
 
     Args:
         at_rows: the same with the motion as it is at the rows. plain: the nominal model. found: what its drives lack.
     """
-    unlike = {*found.laws, *(p.names.actuators.index(at) for entry in found.left for at in entry["at"])}
+    unlike = {p.names.actuators.index(at) for entry in found.left for at in entry["at"]}
+    unlike |= {a for a, f in found.laws.items() if any(t.name in LATE | MOVING for t in f.hypothesis.terms)}
     by_law = np.zeros_like(p.measured)
     for a in map(int, np.flatnonzero(p.measured)):
         servo = is_servo(plain, a) and plain.actuator_gainprm[a, 0] != 0.0
@@ -59,17 +62,22 @@ def by_their_laws(p: Prepared, at_rows: Prepared, plain: mujoco.MjModel, found: 
     out = p.mapped(commanded)
     ctx = build_context(model, p.names, out.train)
     sim = Simulator(model, ctx, threads=p.config.jobs, on_readings=tuple(np.flatnonzero(by_law)))
+    laws = [f.hypothesis.split(found.ctx, f.theta) for a, f in found.laws.items() if by_law[a]]
+    parts = {term: theta for law in laws for term, theta in law.items()}
+    hypothesis = Hypothesis.of(*parts)
+    sim = sim.beside(hypothesis, hypothesis.gather(sim.ctx, parts))
     return replace(out, model=sim.model, ctx=sim.ctx, sim=sim, by_law=by_law)
 
 
 def _explained(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide, a: int) -> bool:
     """Whether a servo's measured forces lie outside what its law makes of the rows around them by no more than the
     noise in them, and in the states that the law acts on, explains."""
+    f = found.laws.get(a, NOTHING)
     logs = [log for s in p.looked_at if (log := log_of(s, found.ctx, a, found.grid, 0)) is not None]
     if not logs:
         return False
-    errors = [log.force - predict(plain, found.ctx, NOTHING, a, log, found.grid) for log in logs]
+    errors = [log.force - predict(plain, found.ctx, f, a, log, found.grid) for log in logs]
     white, _ = column_noise([log.time for log in logs], errors)
-    missed = np.concatenate([outside(plain, found.ctx, NOTHING, a, log, found.grid) for log in logs])
+    missed = np.concatenate([outside(plain, found.ctx, f, a, log, found.grid) for log in logs])
     noise = np.hypot(np.nan_to_num(white), left_open(plain, a, p.looked_at))
     return bool(np.sqrt(np.mean(missed**2)) < noise)

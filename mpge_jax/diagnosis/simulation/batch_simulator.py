@@ -120,8 +120,12 @@ class Simulator:
         self.ctx = replace(self.ctx, model=self.model)
 
     def beside(self, hypothesis: Hypothesis, theta: Array) -> Simulator:
-        """The same machine with these terms in every run."""
-        return replace(self, always=(hypothesis, theta), known=Remembered(), _larger=None)
+        """The same machine with these terms in every run, too."""
+        known, fixed = self.always
+        parts = known.split(self.ctx, fixed) | hypothesis.split(self.ctx, theta)
+        every = Hypothesis.of(*parts)
+        always = every, every.gather(self.ctx, parts)
+        return replace(self, always=always, known=Remembered(), _larger=None)
 
     def guiding(self, *dofs: int) -> Simulator:
         """The same machine where hinges and slides move as recorded."""

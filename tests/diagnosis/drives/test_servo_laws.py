@@ -105,7 +105,7 @@ def test_the_forces_that_were_measured_still_say_what_is_missing(ordinary):
         assert parts[term][0] == pytest.approx(more, rel=0.25)
 
 
-@pytest.mark.parametrize("unlike", [{"gain": 0.8}, {"ripple": 0.3}, {"late": 1}])
+@pytest.mark.parametrize("unlike", [{"ripple": 0.3}, {"late": 1}])
 def test_a_servo_that_does_not_do_as_modelled_is_driven_by_its_forces(unlike):
     p, driven = _driven(_recordings(**unlike))
     assert driven.by_law.tolist() == [False, True] and driven.by_force.tolist() == [True, False]
@@ -115,6 +115,18 @@ def test_a_servo_that_does_not_do_as_modelled_is_driven_by_its_forces(unlike):
         mujoco.mjtBias.mjBIAS_NONE,
         mujoco.mjtBias.mjBIAS_AFFINE,
     ]
+
+
+def test_a_servo_of_another_gain_is_driven_by_that():
+    """With kp and kv a fifth less than the model's."""
+    _, driven = _driven(_recordings(gain=0.8))
+    assert driven.by_law.tolist() == [True, True] and [str(t) for t in driven.sim.always[0].terms] == [
+        "actuator_gain@s0"
+    ]
+    assert driven.sim.always[1] == pytest.approx([0.8], abs=0.005)
+    np.testing.assert_allclose(_fitted(driven, *DAMPING), MORE, rtol=0.03)
+    further = driven.sim.beside(Hypothesis.of(DAMPING[1]), np.array([0.1]))
+    assert {str(t) for t in further.always[0].terms} == {"actuator_gain@s0", "viscous_damping@elbow"}
 
 
 def test_a_servo_acts_on_what_its_encoder_reads():
