@@ -349,6 +349,7 @@ def gate(name: str) -> Gate:
 WORK = {
     "selection.all_joints": ("ITERATIONS",),
     "selection.alternatives": ("ITERATIONS",),
+    "selection.backward_elimination": ("HALF",),
     "selection.closer_forms": ("ITERATIONS",),
     "selection.competition": ("KEEP", "KEEP_OF_MANY"),
     "selection.confirmation": ("ITERATIONS", "SHORT"),
@@ -362,4 +363,4 @@ WORK = {
     "evidence.same_in_principle": ("PARALLEL",),
 }
 """Numbers that stand in the rooms that decide and decide nothing: how much is tried or shown (candidates, windows,
-iterations)."""
+iterations), how wide intervals are."""

@@ -26,9 +26,7 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
 KAPPA = 5.0
-NUISANCE, BETWEEN = 3.0, 1.0
-"""Deviations of the amounts of `numerics`, and of the one of another integrator: machines move as with something
-between the two. With more of it, servos' own braking passes for rotor inertia."""
+NUISANCE = 3.0
 STEP, LATE, INTEGRATOR, OLDER = "timestep", "late commands", "integrator", "older forces"
 HOLDING = "given dry friction"
 """What changes motion and is no physics (see `numerics`)."""
@@ -169,9 +167,9 @@ def whitener(
     offset = -np.einsum("swm,ws->wm", columns, w.moved.reshape(w.count, -1))
     stack = [KAPPA * columns]
     if nuisance:
-        for kind, d in nuisance.items():
-            extra = np.where(seen & np.isfinite(d), d / scale, 0.0).reshape(1, w.count, -1)
-            stack.append((BETWEEN if kind == INTEGRATOR else NUISANCE) * np.clip(extra, -_CAP, _CAP))
+        extra = (np.where(seen & np.isfinite(d), d / scale, 0.0) for d in nuisance.values())
+        flat = [x.reshape(1, w.count, -1) for x in extra]
+        stack += [NUISANCE * np.clip(x, -_CAP, _CAP) for x in flat]
     u = np.moveaxis(np.concatenate(stack), 0, -1)
     basis, singular, _ = np.linalg.svd(u, full_matrices=False)
     bare = np.einsum("wmk,rwm->rwk", basis, columns, optimize=True)
