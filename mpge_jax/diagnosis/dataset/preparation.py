@@ -34,7 +34,6 @@ from mpge_jax.diagnosis.recordings.late_rows import without_previous_commands
 from mpge_jax.diagnosis.recordings.noise_level import MIN_ROWS
 from mpge_jax.diagnosis.recordings.recording import Recording, rows_of, shown
 from mpge_jax.diagnosis.recordings.rows.clock_stamps import at_their_stamps
-from mpge_jax.diagnosis.recordings.rows.command_jumps import command_jumps
 from mpge_jax.diagnosis.recordings.states import MAX_ROWS, noise_of, told_with_commands
 from mpge_jax.diagnosis.recordings.three_parts import three_parts
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
@@ -97,8 +96,7 @@ def prepare(source, recordings: list[Recording], config: Config) -> Prepared:
     warnings += notes
     noise, notes = noise_of(together[:looked_at], model, names, recorded[:looked_at])
     warnings += notes
-    jumps = [command_jumps(r, plain) for r in together]
-    states = told_with_commands(together, model, noise, jumps, looked_at)
+    states = told_with_commands(together, model, noise, plain, looked_at)
     sources = tuple(source_of(r, s, plain, measured) for r, s in zip(together, states, strict=True))
     check_motion(together, model, names, noise, warnings)
     check_units(together, list(states), model, names, [s.command for s in sources])

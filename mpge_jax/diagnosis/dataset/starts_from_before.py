@@ -39,9 +39,9 @@ def started_from_before(
         first = max(0, a - BACK)
         # where a recording begins there is nothing before
         last = max(a, first + FEWEST - 1)
-        rows, told = slice(first, last + 1), w.sources[w.source[k]].states.jumps
+        rows = slice(first, last + 1)
         pieces.append(rows_of(r, rows, r.name))
-        jumps.append(None if told is None else told[rows])
+        jumps.append(w.sources[w.source[k]].states.jumps_in(rows))
         at.append(a - first)
         length = w.times[k].max()
         until[k] = max(

@@ -15,9 +15,9 @@ import numpy as np
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.step import Fields, Step
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.machine.model import clipped, has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.machine.model import clipped, is_joint_transmission
 from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.measured_drives import stroke
+from mpge_jax.diagnosis.simulation.measured_drives import is_servo, stroke
 
 Array = np.ndarray
 BLOCK_S = 0.25
@@ -167,9 +167,7 @@ class Data:
 
 def left_open(model: mujoco.MjModel, actuator: int, sources: Sequence[Source]) -> float:
     """By how much (rms) the force of an actuator's nominal law is unknown as the motion is: 0 of a plain motor."""
-    if model.actuator_biastype[actuator] != mujoco.mjtBias.mjBIAS_AFFINE or not has_plain_law(
-        model, actuator
-    ):
+    if not is_servo(model, actuator):
         return 0.0
     dof = int(model.jnt_dofadr[model.actuator_trnid[actuator, 0]])
     slopes = model.actuator_gear[actuator, 0] * model.actuator_biasprm[actuator, 1:3]

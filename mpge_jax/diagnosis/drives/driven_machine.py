@@ -15,7 +15,6 @@ from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.measurement.encoder_zeros import with_zeros
 from mpge_jax.diagnosis.measurement.servo_force_age import aged, describe_age, staleness
-from mpge_jax.diagnosis.recordings.rows.command_jumps import command_jumps
 from mpge_jax.diagnosis.recordings.states import told_with_commands
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import is_servo
@@ -45,11 +44,11 @@ def driven_as_found(p: Prepared, plain: mujoco.MjModel) -> tuple[Prepared, Actua
 def _as_drives_see_it(p: Prepared, plain: mujoco.MjModel) -> Prepared:
     """The same with the motion as it is at the rows, where servos' measured forces are compared with what they make of
     it: accelerations jump there with the commands."""
-    if p.noise.direct or not measured_servos(p, plain) or any(s.recording.ctrl is None for s in p.sources):
+    known = any(s.states.jumps is not None for s in p.sources)
+    if known or p.noise.direct or not measured_servos(p, plain):
         return p
     recordings = [s.recording for s in p.sources]
-    jumps = [command_jumps(r, plain) for r in recordings]
-    states = told_with_commands(recordings, p.model, p.noise, jumps, len(p.looked_at), simulated=False)
+    states = told_with_commands(recordings, p.model, p.noise, plain, len(p.looked_at), simulated=False)
     each = iter(states)
     return p.mapped(lambda s: replace(s, states=next(each)))
 

@@ -17,7 +17,6 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import LATE, MOVING, ActuatorSide
 from mpge_jax.diagnosis.drives.drive_law import left_open, log_of, predict
 from mpge_jax.diagnosis.drives.drive_remainder import outside
-from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.machine.model import clipped, compile_variable
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
@@ -62,10 +61,9 @@ def by_their_laws(p: Prepared, at_rows: Prepared, plain: mujoco.MjModel, found: 
     out = p.mapped(commanded)
     ctx = build_context(model, p.names, out.train)
     sim = Simulator(model, ctx, threads=p.config.jobs, on_readings=tuple(np.flatnonzero(by_law)))
-    laws = [f.hypothesis.split(found.ctx, f.theta) for a, f in found.laws.items() if by_law[a]]
-    parts = {term: theta for law in laws for term, theta in law.items()}
-    hypothesis = Hypothesis.of(*parts)
-    sim = sim.beside(hypothesis, hypothesis.gather(sim.ctx, parts))
+    for a, f in found.laws.items():
+        if by_law[a]:
+            sim = sim.beside(f.hypothesis, f.theta)
     return replace(out, model=sim.model, ctx=sim.ctx, sim=sim, by_law=by_law)
 
 

@@ -128,12 +128,8 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     if noise.direct:
         states = states_as_measured(segments, sim.model, noise)
     else:
-        jumps = [w.sources[k].states.jumps for _, _, k, _ in kept]
-        its = [
-            None if x is None else x[row : row + r.time.size]
-            for x, (r, _, _, row) in zip(jumps, kept, strict=True)
-        ]
-        states = smoothed(segments, sim.model, noise, its)
+        jumps = [w.sources[k].states.jumps_in(slice(row, row + r.time.size)) for r, _, k, row in kept]
+        states = smoothed(segments, sim.model, noise, jumps)
     sources = tuple(
         _again(r, s, act, w.sources[k], row) for (r, act, k, row), s in zip(kept, states, strict=True)
     )

@@ -32,9 +32,8 @@ def carried_over(ctx: Context, f: Fitted, term: Term, other: Term) -> Fitted | N
     data.qpos[:] = np.median(ctx.samples.q, axis=0)
     mujoco.mj_normalizeQuat(m, data.qpos)
     mujoco.mj_kinematics(m, data)
-    old, new = term.place.index, other.place.index
-    point = data.xpos[old] + data.xmat[old].reshape(3, 3) @ np.array(position)
-    parts[other] = np.array([mass, *data.xmat[new].reshape(3, 3).T @ (point - data.xpos[new])])
+    turn, shift = _frame_change(data, term.place.index, other.place.index)
+    parts[other] = np.array([mass, *turn @ np.array(position) + shift])
     hypothesis = Hypothesis.of(*parts)
     theta = hypothesis.gather(ctx, parts)
     return Fitted(hypothesis, theta, theta)
@@ -63,6 +62,12 @@ def name_nearest(ctx: Context, f: Fitted) -> Fitted:
     return f
 
 
+def _frame_change(data: mujoco.MjData, old: int, new: int) -> tuple[Array, Array]:
+    """Rotation [3, 3] and offset [3] from positions in one body's frame to those in another's."""
+    to = data.xmat[new].reshape(3, 3).T
+    return to @ data.xmat[old].reshape(3, 3), to @ (data.xpos[old] - data.xpos[new])
+
+
 def _moved(ctx: Context, f: Fitted, term: Term) -> Fitted:
     m = ctx.model
     taken = {t.place.index for t in f.hypothesis.terms if t.name == term.name and t != term}
@@ -76,8 +81,7 @@ def _moved(ctx: Context, f: Fitted, term: Term) -> Fitted:
     new = min(group, key=lambda b: (round(float(np.linalg.norm(point - data.xipos[b])), 9), b))
     if new == old:
         return f
-    turn = data.xmat[new].reshape(3, 3).T @ data.xmat[old].reshape(3, 3)
-    shift = data.xmat[new].reshape(3, 3).T @ (data.xpos[old] - data.xpos[new])
+    turn, shift = _frame_change(data, old, new)
     renamed = Term(term.id, Place("body", ctx.names.bodies[new], new))
     # parameters of the other terms may stand elsewhere afterwards
     h = Hypothesis.of(*(renamed if t == term else t for t in f.hypothesis.terms))

@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.recordings.clock_noise import stamp_deviation
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
 from mpge_jax.diagnosis.recordings.noise_level import column_noise, held_error
 from mpge_jax.diagnosis.recordings.recording import Recording
-from mpge_jax.diagnosis.recordings.rows.command_jumps import answer, lasting
+from mpge_jax.diagnosis.recordings.rows.command_jumps import answer, command_jumps, lasting
 
 Array = np.ndarray
 SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR = 1e-6, 1e-5
@@ -74,6 +74,10 @@ class States:
     qacc: Array
     cov: Array
     jumps: Array | None = None
+
+    def jumps_in(self, rows: slice) -> Array | None:
+        """`jumps` of some rows."""
+        return None if self.jumps is None else self.jumps[rows]
 
 
 def _dofs(model: mujoco.MjModel) -> dict[int, int]:
@@ -164,36 +168,39 @@ def told_with_commands(
     recordings: list[Recording],
     model: mujoco.MjModel,
     noise: Noise,
-    jumps: Sequence[Array],
+    plain: mujoco.MjModel,
     looked_at: int,
     simulated: bool = True,
 ) -> list[States]:
-    """`smoothed` with the `command_jumps` [T, nv] of the recordings, at those degrees of freedom where they make the
-    positions of the first `looked_at` recordings likelier: a machine may do otherwise than its model, or at other rows.
+    """`smoothed` with the `command_jumps` of the recordings, at those degrees of freedom where they make the positions
+    of the first `looked_at` recordings likelier: a machine may do otherwise than its model, or at other rows.
 
     Args:
-        simulated: whether simulations start from these states: in their steps velocities are of half a step before,
-            which is more than jumps do that last for few of them.
+        plain: the nominal model. simulated: whether simulations start from these states: in their steps velocities are
+            of half a step before, which is more than jumps do that last for few of them.
     """
     (without, likelihood), out = _smoothed(recordings, model, noise), []
     least = STEPS * float(model.opt.timestep) if simulated else 0.0
-    if not any(_shows(*each, least) for each in zip(recordings, without, jumps, strict=True)):
+    slow = [r.time.size > 1 and lasting(r.time) >= least for r in recordings]
+    if not any(slow):
+        return without
+    jumps = [command_jumps(r, plain) for r in recordings]
+    each = zip(slow, recordings, without, jumps, strict=True)
+    if not any(_shows(r, states, x) for its, r, states, x in each if its):
         return without
     those, reached = _smoothed(recordings, model, noise, jumps)
     heeded = (reached - likelihood)[:looked_at].sum(0) > LIKELIER
     columns = [column for column, dof in _dofs(model).items() if heeded[dof]]
-    for states, its, each in zip(without, those, jumps, strict=True):
+    for states, its, known in zip(without, those, jumps, strict=True):
         states.qpos[:, columns] = its.qpos[:, columns]
         for to, of in ((states.qvel, its.qvel), (states.qacc, its.qacc), (states.cov, its.cov)):
             to[:, heeded] = of[:, heeded]
-        out.append(replace(states, jumps=np.where(heeded, each, 0.0)))
+        out.append(replace(states, jumps=np.where(heeded, known, 0.0)))
     return out if heeded.any() else without
 
 
-def _shows(r: Recording, states: States, jumps: Array, least: float) -> bool:
-    """Whether jumps move any velocity by what is unknown of it, and their answers last so long (s) at least."""
-    if r.time.size < 2 or lasting(r.time) < least:
-        return False
+def _shows(r: Recording, states: States, jumps: Array) -> bool:
+    """Whether jumps move any velocity by what is unknown of it."""
     moved = lasting(r.time) * np.sqrt((jumps**2).mean(0))
     return bool((moved > SHOWN * np.sqrt(states.cov[:, :, 1, 1].mean(0))).any())
 

@@ -136,15 +136,15 @@ def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport
         found, report = _kept(p, s, found, "test")
         sure = replace(found, fit=_with_honest_intervals(p, s, found))
         unsure = may_be_none(s, sure.fit)
-        sure = replace(sure, fit=as_wide_as_integrators_differ(s, sure.fit, _told_by(p, s, found)))
         if not unsure or found.left is not None:
-            return sure, report
+            break
         f = found.fit.of_terms(p.ctx, found.fit.hypothesis.without(unsure[0]))
         fewer = with_fewer(p, s, found, refitted(s, f))
         if fewer.left is not None:
-            return sure, report
+            break
         p.warnings += left_out(unsure[:1], MAY_BE_NONE)
         found = _refined(p, s, fewer)
+    return replace(sure, fit=as_wide_as_integrators_differ(s, sure.fit, _told_by(p, s, found))), report
 
 
 def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision, FitReport]:
