@@ -23,8 +23,8 @@ from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest, one_of_e
 from mpge_jax.diagnosis.machine.contact_pairs import allowed_pairs
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.recordings.checks import check_base
-from mpge_jax.diagnosis.recordings.late_rows import READ_SO
 from mpge_jax.diagnosis.recordings.reader import read_recording
+from mpge_jax.diagnosis.recordings.rows.late_rows import READ_SO
 from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, record
 from tests.diagnosis.searches import MISTAKEN_FOR_FRICTION, prepared_of

@@ -30,11 +30,12 @@ from mpge_jax.diagnosis.recordings.checks import (
     check_units,
     told_once,
 )
-from mpge_jax.diagnosis.recordings.late_rows import without_previous_commands
+from mpge_jax.diagnosis.recordings.measurement_noise import noise_of
 from mpge_jax.diagnosis.recordings.noise_level import MIN_ROWS
 from mpge_jax.diagnosis.recordings.recording import Recording, rows_of, shown
 from mpge_jax.diagnosis.recordings.rows.clock_stamps import at_their_stamps
-from mpge_jax.diagnosis.recordings.states import MAX_ROWS, noise_of, told_with_commands
+from mpge_jax.diagnosis.recordings.rows.late_rows import without_previous_commands
+from mpge_jax.diagnosis.recordings.states import MAX_ROWS, told_with_commands
 from mpge_jax.diagnosis.recordings.three_parts import three_parts
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
 from mpge_jax.diagnosis.simulation.force_between_rows import source_of

@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.dataset.cut_windows import MAX_SAMPLES, cut
 from mpge_jax.diagnosis.dataset.starts_from_before import started_from_before
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.machine.model import Names
-from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.recordings.three_parts import PARTS, Part
 from mpge_jax.diagnosis.simulation.actuator_state import settling
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator

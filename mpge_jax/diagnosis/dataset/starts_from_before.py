@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.cut_windows import factors
+from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.recordings.recording import rows_of
-from mpge_jax.diagnosis.recordings.states import Noise, smoothed
+from mpge_jax.diagnosis.recordings.states import smoothed
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray

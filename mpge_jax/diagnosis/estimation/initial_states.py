@@ -14,7 +14,7 @@ import numpy as np
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate
 from mpge_jax.diagnosis.estimation.whitening import KAPPA, Whitener, nuisances, whitener, whitener_beside
-from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import ELSEWHERE_FROM, MANY_ELSEWHERE

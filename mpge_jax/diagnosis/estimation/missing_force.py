@@ -10,7 +10,7 @@ import numpy as np
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.whitening import Whitener, whitener
 from mpge_jax.diagnosis.machine.model import floating_base_joints
-from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.cheaper_steps import Near
 from mpge_jax.diagnosis.simulation.windows import Windows

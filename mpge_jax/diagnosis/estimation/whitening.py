@@ -19,7 +19,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.context import default_places
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.machine.joint_space import columns_of
-from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.cheaper_steps import changes
 from mpge_jax.diagnosis.simulation.windows import Windows

@@ -11,7 +11,8 @@ from mpge_jax.diagnosis.machine.model import Names, command_limits
 from mpge_jax.diagnosis.recordings.formats.tables import Log
 from mpge_jax.diagnosis.recordings.joining import Joined, quantity_of
 from mpge_jax.diagnosis.recordings.joint_names import joint_columns
-from mpge_jax.diagnosis.recordings.recording import SLOWEST, Recording
+from mpge_jax.diagnosis.recordings.recording import Recording
+from mpge_jax.diagnosis.recordings.validation import SLOWEST
 
 Array = np.ndarray
 FACTORS = {

@@ -25,6 +25,12 @@ def columns_of(model: mujoco.MjModel) -> tuple[Array, Array, list[tuple[int, int
     return np.array(columns, dtype=int), np.array(dofs, dtype=int), quats
 
 
+def dof_of_column(model: mujoco.MjModel) -> dict[int, int]:
+    """qpos column -> dof, of all that add like numbers."""
+    columns, dofs, _ = columns_of(model)
+    return {int(c): int(d) for c, d in zip(columns, dofs, strict=True)}
+
+
 def multiply(a: Array, b: Array) -> Array:
     """Quaternion product [..., 4]."""
     w = a[..., 0] * b[..., 0] - (a[..., 1:] * b[..., 1:]).sum(-1)

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.whitening import LATE, Whitener, nuisances, robust_loss, whitener
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
-from mpge_jax.diagnosis.recordings.late_rows import a_row_earlier
+from mpge_jax.diagnosis.recordings.rows.late_rows import a_row_earlier
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows

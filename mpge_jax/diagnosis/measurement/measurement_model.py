@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, arrivals,
 from mpge_jax.diagnosis.measurement.encoder_zeros import describe_zeros, other_zeros, with_zeros
 from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
 from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age
-from mpge_jax.diagnosis.recordings.late_rows import MOST, READ_SO
+from mpge_jax.diagnosis.recordings.rows.late_rows import MOST, READ_SO
 from mpge_jax.diagnosis.selection.procedure import Found
 
 

@@ -13,8 +13,9 @@ from mpge_jax.diagnosis.machine.model import (
     qpos_columns,
     weighed_by_torque,
 )
+from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.recordings.recording import Recording
-from mpge_jax.diagnosis.recordings.states import Noise, States
+from mpge_jax.diagnosis.recordings.states import States
 
 RESTING, STILL = 2.0, 2e-3
 """Standard deviation of a position, over that of its noise and in rad or m, below which it does not move: noise alone

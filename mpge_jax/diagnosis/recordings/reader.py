@@ -20,16 +20,11 @@ from mpge_jax.diagnosis.recordings.formats.plain import aliased_log, read_csv
 from mpge_jax.diagnosis.recordings.formats.registry import ARRAYS, find_files, other_logs, read_logs
 from mpge_jax.diagnosis.recordings.formats.tables import Log, check_values
 from mpge_jax.diagnosis.recordings.joining import Joined, columns_at, fill, join, listed
-from mpge_jax.diagnosis.recordings.recording import (
-    Recording,
-    chain_transitions,
-    from_zero,
-    row_from_zero,
-    unwrapped,
-    validate,
-)
+from mpge_jax.diagnosis.recordings.recording import Recording, chain_transitions, from_zero
+from mpge_jax.diagnosis.recordings.rows.full_turns import unwrapped
 from mpge_jax.diagnosis.recordings.rows.rows_in_time import without_empty_rows
 from mpge_jax.diagnosis.recordings.rows.stray_readings import without_stray_readings
+from mpge_jax.diagnosis.recordings.validation import row_from_zero, validate
 
 
 def _line(lines: list[int], row: int) -> str:

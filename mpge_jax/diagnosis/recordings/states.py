@@ -8,23 +8,17 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from mpge_jax.diagnosis.machine.joint_space import columns_of
-from mpge_jax.diagnosis.machine.model import Names, is_scalar
-from mpge_jax.diagnosis.recordings import recorded_velocities
-from mpge_jax.diagnosis.recordings.clock_noise import stamp_deviation
+from mpge_jax.diagnosis.machine.joint_space import dof_of_column
+from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
-from mpge_jax.diagnosis.recordings.noise_level import column_noise, held_error
+from mpge_jax.diagnosis.recordings.measurement_noise import SIGMA_FLOOR, Noise, noise_of
+from mpge_jax.diagnosis.recordings.noise_level import held_error
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.rows.command_jumps import answer, command_jumps, lasting
 
 Array = np.ndarray
-SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR = 1e-6, 1e-5
 UNKNOWN_VELOCITY = 1.0
 """Deviation (m/s or rad/s) of a velocity of which nothing was measured."""
-INEXACT_STAMPS = (
-    "the time stamps are inexact by about {:.2g} ms: the noise of positions grows with the speed, alike at all joints; "
-    "this is taken into account."
-)
 LIKELIER, SHOWN = 3.0, 1.0
 """Logarithm of the odds from which on jumps with commands are heeded, and by how many deviations of a velocity they
 must move it to be asked about."""
@@ -32,31 +26,6 @@ STEPS = 2
 """Timesteps of the model that answers to jumps must last at least where simulations start from the states."""
 MAX_ROWS = 60_000
 """Most rows smoothed over all recordings; longer logs are read in stretches."""
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Deviations of the measurement noise per column, quantisation included.
-
-    Attributes:
-        qpos: [nq]. qvel: [nv]; infinite where recorded velocities are not used. quantum: [nq].
-        direct: whether the measurements are taken as states without smoothing (see `coarse_sampling`).
-        stamp: deviation (s) of the time stamps: a position is off by as much times its speed, too.
-    """
-
-    qpos: Array
-    qvel: Array
-    quantum: Array
-    direct: bool = False
-    stamp: float = 0.0
-
-    def angle(self, column: int) -> float:
-        """Deviation (rad, per axis) of an orientation whose quaternion begins at a column of qpos.
-
-        A rotation by r moves the quaternion by |r| / 2 within the three directions that keep its length; how they
-        share it depends on the pose (near the identity the first component hardly moves).
-        """
-        return 2.0 * float(np.sqrt((self.qpos[column : column + 4] ** 2).sum() / 3.0))
 
 
 @dataclass(frozen=True)
@@ -80,78 +49,12 @@ class States:
         return None if self.jumps is None else self.jumps[rows]
 
 
-def _dofs(model: mujoco.MjModel) -> dict[int, int]:
-    """qpos column -> dof, of every joint that is not a quaternion."""
-    columns, dofs, _ = columns_of(model)
-    return {int(c): int(d) for c, d in zip(columns, dofs, strict=True)}
-
-
 def estimate(
     recordings: list[Recording], model: mujoco.MjModel, names: Names
 ) -> tuple[Noise, list[States], list[str]]:
     """Noise levels and smoothed states. Returns warnings too."""
     noise, warnings = noise_of(recordings, model, names)
     return noise, smoothed(recordings, model, noise), warnings
-
-
-def noise_of(
-    recordings: list[Recording], model: mujoco.MjModel, names: Names, recorded: list[Recording] | None = None
-) -> tuple[Noise, list[str]]:
-    """Noise levels, and warnings.
-
-    Args:
-        recorded: the recordings before any reading was corrected, if that happened.
-    """
-    warnings: list[str] = []
-    qpos_noise, quanta = np.full(model.nq, np.nan), np.zeros(model.nq)
-    times, dofs = [r.time for r in recordings], _dofs(model)
-    stamp = stamp_deviation(times, [[r.qpos[:, c] for r in recordings] for c in dofs])
-    for c in range(model.nq):
-        qpos_noise[c], quanta[c] = column_noise(
-            times, [r.qpos[:, c] for r in recordings], rests=True, stamp=stamp if c in dofs else 0.0
-        )
-    if stamp:
-        warnings.append(INEXACT_STAMPS.format(1e3 * stamp))
-    _as_others(recordings, model, qpos_noise, quanta)
-    qvel_noise = np.full(model.nv, np.inf)
-    with_velocity = [(r.time, r.qvel) for r in recordings if r.qvel is not None]
-    for d in range(model.nv):
-        level, _ = column_noise([t for t, _ in with_velocity], [v[:, d] for _, v in with_velocity])
-        if np.isfinite(level):
-            qvel_noise[d] = level
-        elif any(not np.isnan(v[:, d]).all() for _, v in with_velocity):
-            qvel_noise[d] = SIGMA_VELOCITY_FLOOR
-    qpos_noise = np.maximum(np.nan_to_num(qpos_noise, nan=SIGMA_FLOOR), SIGMA_FLOOR)
-    qvel_noise = np.maximum(qvel_noise, SIGMA_VELOCITY_FLOOR)
-    derived = recorded_velocities.derived(recorded or recordings, dofs, qvel_noise)
-    wrong = recorded_velocities.wrong(recordings, dofs, qpos_noise, qvel_noise)
-    for unused, why in (
-        (derived, "are the differences of the recorded positions: they say nothing more, and are not used."),
-        (
-            [d for d in wrong if d not in derived],
-            "disagree with the positions (filtered or delayed by the driver); velocities are taken from the positions.",
-        ),
-    ):
-        if unused:
-            joints = sorted({names.joint_of_dof(model, d) for d in unused})
-            warnings.append(f"recorded velocities of {', '.join(joints)} {why}")
-            qvel_noise[unused] = np.inf
-    return Noise(qpos_noise, qvel_noise, quanta, stamp=stamp), warnings
-
-
-def _as_others(recordings: list[Recording], model: mujoco.MjModel, noise: Array, quanta: Array) -> None:
-    """Give joints whose reading never changed the noise of the finest quantised encoder of their kind, in place: within
-    its steps they may have moved."""
-    columns: dict[int, list[int]] = {}
-    for j in range(model.njnt):
-        if is_scalar(model, j):
-            columns.setdefault(int(model.jnt_type[j]), []).append(int(model.jnt_qposadr[j]))
-    for alike in columns.values():
-        known = [quanta[c] for c in alike if quanta[c] > 0]
-        for c in alike if known else []:
-            if all(np.ptp(r.qpos[:, c]) == 0 for r in recordings):
-                quanta[c] = min(known)
-                noise[c] = max(np.nan_to_num(noise[c]), min(known) / np.sqrt(12))
 
 
 def smoothed(
@@ -190,7 +93,7 @@ def told_with_commands(
         return without
     those, reached = _smoothed(recordings, model, noise, jumps)
     heeded = (reached - likelihood)[:looked_at].sum(0) > LIKELIER
-    columns = [column for column, dof in _dofs(model).items() if heeded[dof]]
+    columns = [column for column, dof in dof_of_column(model).items() if heeded[dof]]
     for states, its, known in zip(without, those, jumps, strict=True):
         states.qpos[:, columns] = its.qpos[:, columns]
         for to, of in ((states.qvel, its.qvel), (states.qacc, its.qacc), (states.cov, its.cov)):
@@ -212,7 +115,7 @@ def _smoothed(
     jumps: Sequence[Array | None] | None = None,
 ) -> tuple[list[States], Array]:
     """States, and the logarithms of the likelihoods of what was measured [recordings, nv]."""
-    dofs, given = _dofs(model), jumps or [None] * len(recordings)
+    dofs, given = dof_of_column(model), jumps or [None] * len(recordings)
     likelihood = np.zeros((len(recordings), model.nv))
     answers: list[tuple[Array, Array, Array]] = []
     series: list[Series] = []

@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss, white
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.rigid_equivalence import one_of_each
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored
-from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.windows import Windows
 

@@ -10,7 +10,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, errors_drawn
-from mpge_jax.diagnosis.recordings.states import Noise
+from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
 

@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.drives.force_noise import freed
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.evidence.null_distribution import force_noise
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.recordings.recording import validate
+from mpge_jax.diagnosis.recordings.validation import validate
 from tests.diagnosis.machines import FINE_PENDULUM, excitation
 
 DRIVES = [i for i, e in REGISTRY.items() if e.side == "actuator"]

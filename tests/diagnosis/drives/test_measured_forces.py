@@ -27,8 +27,8 @@ from mpge_jax.diagnosis.machine.model import compile_variable, names_of
 from mpge_jax.diagnosis.measurement.encoder_zeros import with_zeros
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
 from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age, staleness
-from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.recordings.states import States
+from mpge_jax.diagnosis.recordings.validation import validate
 from mpge_jax.diagnosis.selection.remainder import leaves
 from mpge_jax.diagnosis.simulation.force_between_rows import servo_jumps
 from mpge_jax.diagnosis.simulation.measured_drives import plain_force

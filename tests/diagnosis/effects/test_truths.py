@@ -17,8 +17,8 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.effects.step import Step
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.recordings.recording import validate
 from mpge_jax.diagnosis.recordings.states import States
+from mpge_jax.diagnosis.recordings.validation import validate
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from mpge_jax.diagnosis.simulation.measured_drives import follows

@@ -17,7 +17,7 @@ from mpge_jax.diagnosis.estimation.prediction_error import Errors
 from mpge_jax.diagnosis.estimation.whitening import numerics, start_runs, whitener
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.recordings.recording import validate
+from mpge_jax.diagnosis.recordings.validation import validate
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import ELSEWHERE_FROM

@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.measurement.command_rows import rows_are_late, with_earlier_commands
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
-from mpge_jax.diagnosis.recordings.late_rows import READ_SO, without_previous_commands
+from mpge_jax.diagnosis.recordings.rows.late_rows import READ_SO, without_previous_commands
 from mpge_jax.diagnosis.selection.procedure import Decision
 from mpge_jax.diagnosis.selection.setup import build_search
 from tests.diagnosis.machines import ARM, ROTORS, record

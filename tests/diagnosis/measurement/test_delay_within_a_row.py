@@ -16,8 +16,9 @@ from mpge_jax.diagnosis.measurement.delay_within_a_row import (
     row_of,
     with_arrivals,
 )
-from mpge_jax.diagnosis.recordings.recording import rows_of, validate
+from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.recordings.states import States
+from mpge_jax.diagnosis.recordings.validation import validate
 from mpge_jax.diagnosis.simulation.actuator_state import settling
 from mpge_jax.diagnosis.simulation.drive_signal import Source
 from tests.diagnosis.machines import FINE_PENDULUM, excitation

@@ -18,7 +18,8 @@ from mpge_jax.diagnosis.recordings.column_map import apply
 from mpge_jax.diagnosis.recordings.noise_level import quantum
 from mpge_jax.diagnosis.recordings.reader import load_recordings
 from mpge_jax.diagnosis.recordings.recorded_velocities import wrong
-from mpge_jax.diagnosis.recordings.recording import from_zero, unwrapped
+from mpge_jax.diagnosis.recordings.recording import from_zero
+from mpge_jax.diagnosis.recordings.rows.full_turns import unwrapped
 from mpge_jax.diagnosis.recordings.states import estimate
 from mpge_jax.diagnosis.recordings.three_parts import PARTS
 from mpge_jax.diagnosis.report.next_experiment import _windows

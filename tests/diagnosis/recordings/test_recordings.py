@@ -14,7 +14,9 @@ from mpge_jax.diagnosis import InputError, Recording
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.recordings.column_map import load
 from mpge_jax.diagnosis.recordings.reader import load_recordings, read_recording
-from mpge_jax.diagnosis.recordings.recording import chain_transitions, unwrapped, validate
+from mpge_jax.diagnosis.recordings.recording import chain_transitions
+from mpge_jax.diagnosis.recordings.rows.full_turns import unwrapped
+from mpge_jax.diagnosis.recordings.validation import validate
 from tests.diagnosis.machines import ARM, PENDULUM
 
 

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from mpge_jax.diagnosis import Recording
 from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
+from mpge_jax.diagnosis.recordings.measurement_noise import noise_of
 from mpge_jax.diagnosis.recordings.noise_level import column_noise, difference_noise, noise_level, quantum
 from mpge_jax.diagnosis.recordings.rows.clock_stamps import at_their_stamps, early
-from mpge_jax.diagnosis.recordings.states import estimate, noise_of
+from mpge_jax.diagnosis.recordings.states import estimate
 from tests.diagnosis.machines import PENDULUM
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from mpge_jax.diagnosis import Config, InputError, Recording, diagnose
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.recordings.recording import validate
+from mpge_jax.diagnosis.recordings.validation import validate
 from tests.diagnosis.machines import ARM, PENDULUM, excitation
 
 GEAR = 20.0

@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.whitening import whitener
 from mpge_jax.diagnosis.machine.model import compile_variable, names_of
-from mpge_jax.diagnosis.recordings.recording import validate
+from mpge_jax.diagnosis.recordings.validation import validate
 from mpge_jax.diagnosis.report.next_experiment import command_range, design
 
 TURNTABLE = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="table">

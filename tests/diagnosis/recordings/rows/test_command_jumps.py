@@ -9,8 +9,9 @@ import pytest
 
 from mpge_jax.diagnosis import Recording
 from mpge_jax.diagnosis.machine.model import names_of
+from mpge_jax.diagnosis.recordings.measurement_noise import noise_of
 from mpge_jax.diagnosis.recordings.rows.command_jumps import FADES, answer, command_jumps, lasting
-from mpge_jax.diagnosis.recordings.states import noise_of, smoothed, told_with_commands
+from mpge_jax.diagnosis.recordings.states import smoothed, told_with_commands
 
 ARM = """<mujoco><option timestep="0.0005"/><worldbody><body><joint name="hinge" axis="0 1 0" damping="0.02"/>
 <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/></body></worldbody>

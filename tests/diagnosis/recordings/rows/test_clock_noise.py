@@ -12,8 +12,8 @@ from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.whitening import robust_loss, row_scale, whitener_beside
 from mpge_jax.diagnosis.evidence.null_distribution import floor as calibrated
-from mpge_jax.diagnosis.recordings.clock_noise import stamp_deviation
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
+from mpge_jax.diagnosis.recordings.rows.clock_noise import stamp_deviation
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from tests.diagnosis.machines import FINE_ARM, record
 from tests.diagnosis.searches import prepared_of

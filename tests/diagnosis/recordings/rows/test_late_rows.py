@@ -10,7 +10,7 @@ import pytest
 
 from mpge_jax.diagnosis import Recording
 from mpge_jax.diagnosis.recordings.command_lag import SHARP
-from mpge_jax.diagnosis.recordings.late_rows import READ_SO, _least_changing, without_previous_commands
+from mpge_jax.diagnosis.recordings.rows.late_rows import READ_SO, _least_changing, without_previous_commands
 from tests.diagnosis.machines import ARM, record
 
 MODEL = mujoco.MjModel.from_xml_string(ARM)
