@@ -25,7 +25,7 @@ from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_
 from mpge_jax.diagnosis.recordings.checks import check_base
 from mpge_jax.diagnosis.recordings.reader import read_recording
 from mpge_jax.diagnosis.recordings.rows.late_rows import READ_SO
-from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force
+from mpge_jax.diagnosis.simulation.driving.measured_drives import drive_by_force
 from tests.diagnosis.machines import ARM, BOX, PENDULUM, record
 from tests.diagnosis.searches import MISTAKEN_FOR_FRICTION, prepared_of
 

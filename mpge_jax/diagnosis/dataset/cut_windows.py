@@ -9,8 +9,8 @@ from mpge_jax.diagnosis.machine.joint_space import columns_of
 from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.recordings.noise_level import held_error
 from mpge_jax.diagnosis.recordings.recording import Recording, longest_step
-from mpge_jax.diagnosis.simulation.actuator_state import activations, settling
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.actuator_state import activations, settling
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import HISTORY, Windows, mean_commands
 
 Array = np.ndarray

@@ -38,8 +38,8 @@ from mpge_jax.diagnosis.recordings.rows.late_rows import without_previous_comman
 from mpge_jax.diagnosis.recordings.states import MAX_ROWS, told_with_commands
 from mpge_jax.diagnosis.recordings.three_parts import three_parts
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
-from mpge_jax.diagnosis.simulation.force_between_rows import source_of
-from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force, measured_forces
+from mpge_jax.diagnosis.simulation.driving.force_between_rows import source_of
+from mpge_jax.diagnosis.simulation.driving.measured_drives import drive_by_force, measured_forces
 from mpge_jax.diagnosis.simulation.scales import build_context
 
 

@@ -15,12 +15,12 @@ from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.recordings.three_parts import PARTS, Part
-from mpge_jax.diagnosis.simulation.actuator_state import settling
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
-from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.force_between_rows import Law, followed
+from mpge_jax.diagnosis.simulation.driving.actuator_state import settling
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.force_between_rows import Law, followed
+from mpge_jax.diagnosis.simulation.driving.measured_drives import follows
 from mpge_jax.diagnosis.simulation.guided import led
-from mpge_jax.diagnosis.simulation.measured_drives import follows
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 SPARSE = 0.2

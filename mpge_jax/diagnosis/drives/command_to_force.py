@@ -25,9 +25,9 @@ from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, row_of
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.recordings.three_parts import PARTS, Part
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
-from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.force_between_rows import Law, nominal
-from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force, is_servo
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.force_between_rows import Law, nominal
+from mpge_jax.diagnosis.simulation.driving.measured_drives import drive_by_force, is_servo
 
 Array = np.ndarray
 LATE = {DELAY, "actuator_lag"}

@@ -16,8 +16,8 @@ from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.step import Fields, Step
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.machine.model import clipped, is_joint_transmission
-from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.measured_drives import is_servo, stroke
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.measured_drives import is_servo, stroke
 
 Array = np.ndarray
 BLOCK_S = 0.25

@@ -16,8 +16,8 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.measurement.encoder_zeros import with_zeros
 from mpge_jax.diagnosis.measurement.servo_force_age import aged, describe_age, staleness
 from mpge_jax.diagnosis.recordings.states import told_with_commands
-from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.measured_drives import is_servo
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.measured_drives import is_servo
 
 OFFSET = "encoder_offset"
 

@@ -20,8 +20,8 @@ from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
 from mpge_jax.diagnosis.machine.model import has_plain_law
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
-from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.measured_drives import follows
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.measured_drives import follows
 
 Array = np.ndarray
 WHITE = 1.2

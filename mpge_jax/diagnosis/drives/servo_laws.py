@@ -21,8 +21,8 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.machine.model import clipped, compile_variable
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
-from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.measured_drives import drive_by_force, is_servo
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.measured_drives import drive_by_force, is_servo
 from mpge_jax.diagnosis.simulation.scales import build_context
 
 Array = np.ndarray

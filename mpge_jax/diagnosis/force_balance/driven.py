@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.force_balance.procedure import decide
 from mpge_jax.diagnosis.machine.model import clipped, has_plain_law, is_joint_transmission
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 
 ROWS = 200
 """Rows without which a regression with so many columns says little."""

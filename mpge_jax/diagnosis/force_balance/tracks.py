@@ -10,7 +10,7 @@ from scipy.ndimage import minimum_filter1d
 from mpge_jax.diagnosis.dataset.given_motion import EDGE
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 
 Array = np.ndarray
 UNSEEN = 2.0

@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.estimation.whitening import LATE, Whitener, nuisances, r
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
 from mpge_jax.diagnosis.recordings.rows.late_rows import a_row_earlier
 from mpge_jax.diagnosis.recordings.three_parts import Part
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray

@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem
 from mpge_jax.diagnosis.estimation.whitening import whitener
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 
 Array = np.ndarray
 WINDOWS, FEWEST = 60, 4

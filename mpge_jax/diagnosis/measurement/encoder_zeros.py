@@ -24,7 +24,7 @@ from mpge_jax.diagnosis.machine.model import scalar_joints
 from mpge_jax.diagnosis.measurement.between_recordings import between_recordings
 from mpge_jax.diagnosis.selection.all_joints import IN_EVERY_JOINT
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray

@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.estimation.whitening import column_scale
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.error_words import error_unit, moves, unit_of_motion
 from mpge_jax.diagnosis.report.sentences import of_inputs
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.verdict.result import Result
 
 RECORDINGS, LINES, LISTED = 40, 60, 12

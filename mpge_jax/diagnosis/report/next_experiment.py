@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import HISTORY, Windows
 from mpge_jax.diagnosis.verdict.result import Result
 

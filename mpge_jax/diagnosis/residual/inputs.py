@@ -14,8 +14,8 @@ from mpge_jax.diagnosis.effects.residual.axis import ANGLE, DRIVE, LOAD, NAMED, 
 from mpge_jax.diagnosis.effects.residual.force import Residual, driven_by
 from mpge_jax.diagnosis.effects.residual.since_turn import SinceTurn, travelled
 from mpge_jax.diagnosis.machine.model import has_plain_law, is_scalar
-from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.measured_drives import plain_force
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.measured_drives import plain_force
 
 Array = np.ndarray
 EDGES = (0.005, 0.995)

@@ -6,7 +6,6 @@ import copy
 from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,14 +13,14 @@ from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.effects.step import Fields
 from mpge_jax.diagnosis.machine.contact_pairs import never_touches
-from mpge_jax.diagnosis.machine.joint_space import difference, integrate
-from mpge_jax.diagnosis.simulation.actuator_state import shifted
+from mpge_jax.diagnosis.simulation.batch_fields import BatchFields
+from mpge_jax.diagnosis.simulation.driving.actuator_state import shifted
+from mpge_jax.diagnosis.simulation.encoders import Encoders
 from mpge_jax.diagnosis.simulation.guided import Guide
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.runtime_effects import Group, Runtime
-from mpge_jax.diagnosis.simulation.trajectories import Commands, by_the_engine, states_between, step_by_step
+from mpge_jax.diagnosis.simulation.trajectories import Commands, by_the_engine, step_by_step
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
@@ -56,28 +55,6 @@ class Run:
         """What tells it from other runs."""
         shift = None if self.shift is None else self.shift.tobytes()
         return self.hypothesis, self.theta.tobytes(), shift, self.push
-
-
-class BatchFields(Fields):
-    """Model fields of some simulations of a batch."""
-
-    xp = np
-
-    def __init__(self, batch: Batch, rows: Array) -> None:
-        self.batch, self.rows = batch, rows
-
-    def get(self, name: str, index: Any) -> Array:
-        index = index if isinstance(index, tuple) else (index,)
-        return np.array(self.batch.expand(name)[self._at(index)], dtype=float)
-
-    def set(self, name: str, index: Any, value: Any) -> None:
-        index = index if isinstance(index, tuple) else (index,)
-        self.batch.expand(name)[self._at(index)] = value
-
-    def _at(self, index: tuple[Any, ...]) -> tuple[Any, ...]:
-        if any(isinstance(i, slice) for i in index):
-            return (self.rows, *index)
-        return (self.rows, *(np.full(self.rows.shape, i) for i in index))
 
 
 @contextmanager
@@ -210,10 +187,9 @@ class Simulator:
         rows_of = np.arange(n).reshape(len(runs), nwin)
         groups = self._groups(runs, rows_of)
         self._apply_models(batch, groups)
-        offset, delay = self._senses(groups, n)
-        self._read(batch, offset)
-        q0, v0 = self._starts(runs, w, window, offset, delay)
-        batch.bind("qpos")[:], batch.bind("qvel")[:] = q0, v0
+        encoders, shift = Encoders.under(groups, self.ctx, w, window), _shifts(runs, w)
+        encoders.act_on(batch, self.on_readings)
+        batch.bind("qpos")[:], batch.bind("qvel")[:] = encoders.starts(shift)
         commands = Commands(w, window, self._changed(groups, w, window))
         if m.na:
             batch.bind("act")[:] = w.act0[window]
@@ -231,8 +207,8 @@ class Simulator:
             guide = Guide(m, batch, w, window, self.guided) if self.guided else None
             runtime = [g for g in groups if g.term.effect.runtime]
             engine = Runtime(m, self.ctx, batch, runtime, push, w.dt)
-            q, v = step_by_step(batch, engine, guide, commands, _shifts(runs, w)[:, m.nv :])
-        return self._compare(q, v, w, window, offset, delay).reshape(len(runs), nwin, w.times.shape[1], -1)
+            q, v = step_by_step(batch, engine, guide, commands, shift[:, m.nv :])
+        return encoders.misses(q, v).reshape(len(runs), nwin, w.times.shape[1], -1)
 
     def _timed(self, dt: float) -> mujoco.MjModel:
         if abs(self.model.opt.timestep - dt) > 1e-12:
@@ -260,41 +236,6 @@ class Simulator:
         if derived:
             batch.set_const(np.unique(np.concatenate(derived)))
 
-    def _senses(self, groups: list[Group], n: int) -> tuple[Array, Array]:
-        offset, delay = np.zeros((n, self.model.nv)), np.zeros((n, self.model.nv))
-        for g in groups:
-            if g.term.effect.senses:
-                dof = self.ctx.dof(g.term.place)
-                o, d = g.term.effect.sense(g.theta)
-                offset[g.rows, dof] += o
-                delay[g.rows, dof] += d
-        return offset, delay
-
-    def _read(self, batch: Batch, offset: Array) -> None:
-        """Let servos act on positions with the encoders' offsets [n, nv] where they act on what is read."""
-        m = self.model
-        for a in self.on_readings:
-            off = offset[:, m.jnt_dofadr[m.actuator_trnid[a, 0]]]
-            (rows,) = np.nonzero(off)
-            if rows.size:
-                bias = batch.expand("actuator_biasprm")
-                bias[rows, a, 0] += bias[rows, a, 1] * m.actuator_gear[a, 0] * off[rows]
-
-    def _starts(
-        self, runs: list[Run], w: Windows, window: Array, offset: Array, delay: Array
-    ) -> tuple[Array, Array]:
-        m = self.model
-        q0, v0 = w.q0[window].copy(), w.v0[window].copy()
-        for dof in np.flatnonzero((delay != 0).any(0)):
-            q = int(m.jnt_qposadr[m.dof_jntid[dof]])
-            late = np.flatnonzero(delay[:, dof] != 0)
-            for s in np.unique(w.source[window[late]]):
-                rows = late[w.source[window[late]] == s]
-                at = w.start[window[rows]] + delay[rows, dof]
-                q0[rows, q], v0[rows, dof] = w.sources[s].state_at(at, q, dof)
-        shift = _shifts(runs, w)
-        return integrate(m, q0, shift[:, : m.nv] - offset), v0 + shift[:, m.nv :]
-
     def _changed(self, groups: list[Group], w: Windows, window: Array) -> dict[int, tuple[Array, Array]]:
         """Command timelines that are not the windows': actuator -> (rows, [rows, H + K])."""
         out: dict[int, dict[int, Array]] = {}
@@ -310,31 +251,6 @@ class Simulator:
             u = g.term.effect.timeline(self.ctx, g.term.place, g.theta, u, w.dt)
             done.update(zip(g.rows.tolist(), u, strict=True))
         return {a: (np.array(list(rows)), np.array(list(rows.values()))) for a, rows in out.items()}
-
-    def _compare(self, q: Array, v: Array, w: Windows, window: Array, offset: Array, delay: Array) -> Array:
-        m, n = self.model, window.size
-        times = w.times[window]
-        pq, pv = states_between(m, q, v, times, w.dt)
-        early: list[tuple[int, Array, Array]] = []
-        for dof in np.flatnonzero((delay != 0).any(0)):
-            column = int(m.jnt_qposadr[m.dof_jntid[dof]])
-            rows = np.flatnonzero(delay[:, dof] != 0)
-            t = times[rows] - delay[rows, dof, None]
-            sq, sv = states_between(m, q[:, rows], v[:, rows], np.maximum(t, 0.0), w.dt)
-            pq[rows, :, column], pv[rows, :, dof] = sq[..., column], sv[..., dof]
-            early.append((int(dof), rows, t < 0))
-        out = np.empty((n, times.shape[1], 2 * m.nv))
-        out[..., : m.nv] = difference(m, pq, w.qpos[window]) - offset[:, None, :]
-        out[..., m.nv :] = w.qvel[window] - pv
-        out[~w.seen[window]] = np.nan
-        for index, rows, before in early:
-            # what a delayed sensor shows first lies before the window; the later samples count for those too
-            later = w.seen[window[rows]] & ~before
-            weight = np.sqrt(w.seen[window[rows]].sum(1) / np.maximum(later.sum(1), 1))
-            for k in (index, m.nv + index):
-                value = np.where(before, 0.0, out[rows, :, k] * weight[:, None])
-                out[rows, :, k] = np.where(np.isfinite(out[rows, :, k]), value, np.nan)
-        return out
 
 
 def _shifts(runs: list[Run], w: Windows) -> Array:

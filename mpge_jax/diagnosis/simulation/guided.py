@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, errors_drawn
 from mpge_jax.diagnosis.recordings.measurement_noise import Noise
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray

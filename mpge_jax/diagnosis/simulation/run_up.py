@@ -14,7 +14,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.machine.joint_space import difference, integrate
-from mpge_jax.diagnosis.simulation.actuator_state import settled
+from mpge_jax.diagnosis.simulation.driving.actuator_state import settled
 from mpge_jax.diagnosis.simulation.runtime_effects import Runtime, diverged, either
 from mpge_jax.diagnosis.simulation.windows import Windows
 

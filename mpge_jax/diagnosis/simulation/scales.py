@@ -9,8 +9,8 @@ from mpge_jax.diagnosis.effects.context import Context, Samples, nominal_context
 from mpge_jax.diagnosis.machine.constraints import free_of_constraints, without_loops
 from mpge_jax.diagnosis.machine.contact_pairs import touching_pairs
 from mpge_jax.diagnosis.machine.model import Names, is_scalar, moments
-from mpge_jax.diagnosis.simulation.actuator_state import activations
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.actuator_state import activations
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 
 Array = np.ndarray
 MAX_SAMPLES = 1500

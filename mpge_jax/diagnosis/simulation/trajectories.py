@@ -9,7 +9,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from mpge_jax.diagnosis.machine.model import is_scalar
-from mpge_jax.diagnosis.simulation.drive_signal import hermite
+from mpge_jax.diagnosis.simulation.driving.drive_signal import hermite
 from mpge_jax.diagnosis.simulation.guided import Guide
 from mpge_jax.diagnosis.simulation.run_up import run_up
 from mpge_jax.diagnosis.simulation.runtime_effects import DIVERGED, Runtime, diverged

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.recordings.recording import longest_step
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 
 Array = np.ndarray
 HISTORY = 0.8

@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.dataset.coarse_sampling import is_coarse
 from mpge_jax.diagnosis.estimation.whitening import column_scale
 from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.states import States, estimate
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from tests.diagnosis.machines import ARM, FLYER, SERVO
 from tests.diagnosis.searches import prepared_of
 

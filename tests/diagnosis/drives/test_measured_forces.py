@@ -30,8 +30,8 @@ from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describ
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.recordings.validation import validate
 from mpge_jax.diagnosis.selection.remainder import leaves
-from mpge_jax.diagnosis.simulation.force_between_rows import servo_jumps
-from mpge_jax.diagnosis.simulation.measured_drives import plain_force
+from mpge_jax.diagnosis.simulation.driving.force_between_rows import servo_jumps
+from mpge_jax.diagnosis.simulation.driving.measured_drives import plain_force
 from tests.diagnosis.machines import excitation
 from tests.diagnosis.searches import search_of
 

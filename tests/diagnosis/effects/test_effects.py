@@ -262,7 +262,7 @@ def _agrees(m: Machine, backend: str) -> None:
 def test_batched_windows_agree_with_single_steps(effect_id):
     """The simulator of the fit and the stepper of the corrected machine are two implementations of one effect."""
     from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
-    from mpge_jax.diagnosis.simulation.drive_signal import Source
+    from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
     from mpge_jax.diagnosis.simulation.windows import Windows
 
     m = machine(effect_id, FINE_ARM if REGISTRY[effect_id].kinds == ("body",) else None)

@@ -20,8 +20,8 @@ from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.recordings.validation import validate
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
-from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.measured_drives import follows
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.measured_drives import follows
 from mpge_jax.diagnosis.simulation.windows import Windows
 from tests.diagnosis.machines import FINE_PENDULUM, entry
 

@@ -25,7 +25,7 @@ from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.selection import criteria
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import MANY_STEPS, Run
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from tests.diagnosis.machines import BOX, FINE_PENDULUM, excitation, record
 from tests.diagnosis.searches import COULOMB, DAMPING, search_of

@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.force_balance import driven
 from mpge_jax.diagnosis.force_balance.driven import forces_are_known, missing_by_forces
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from tests.diagnosis.machines import ARM, BOX, FOUR_BAR, record
 from tests.diagnosis.searches import search_of
 

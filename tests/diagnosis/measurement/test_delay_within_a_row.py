@@ -19,8 +19,8 @@ from mpge_jax.diagnosis.measurement.delay_within_a_row import (
 from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.recordings.validation import validate
-from mpge_jax.diagnosis.simulation.actuator_state import settling
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.actuator_state import settling
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from tests.diagnosis.machines import FINE_PENDULUM, excitation
 
 PERIOD, STEP = 0.01, 0.0005

@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation import trajectories
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.cheaper_steps import Near
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.run_up import run_up
 from tests.diagnosis.machines import FINE_PENDULUM

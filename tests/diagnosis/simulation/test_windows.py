@@ -12,8 +12,8 @@ from mpge_jax.diagnosis.evidence.null_distribution import floor
 from mpge_jax.diagnosis.recordings.recording import rows_of
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.recordings.three_parts import PARTS
-from mpge_jax.diagnosis.simulation.actuator_state import activations
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.actuator_state import activations
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from tests.diagnosis.machines import FINE_PENDULUM
 from tests.diagnosis.searches import prepared_of
 

@@ -19,8 +19,8 @@ from mpge_jax.diagnosis.report.error_words import unit_of_joint
 from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.motion_figures import axis_of, measured_motion, span, worst_dofs
 from mpge_jax.diagnosis.residual.model import with_residual
-from mpge_jax.diagnosis.simulation.actuator_state import settling
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.actuator_state import settling
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.verdict.result import Result
 

@@ -6,8 +6,8 @@ import pytest
 
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import States
-from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.force_between_rows import bends, nominal
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.force_between_rows import bends, nominal
 
 TWO = """<mujoco><option timestep="0.00002" gravity="0 0 0"/>
 <default><geom contype="0" conaffinity="0" mass=".2"/></default><worldbody>

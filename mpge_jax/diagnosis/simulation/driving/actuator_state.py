@@ -7,7 +7,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.machine.model import clipped
 from mpge_jax.diagnosis.recordings.recording import Recording
-from mpge_jax.diagnosis.simulation.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 
 Array = np.ndarray
 UNSETTLED = 0.2

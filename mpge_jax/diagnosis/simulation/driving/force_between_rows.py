@@ -15,8 +15,8 @@ import numpy as np
 
 from mpge_jax.diagnosis.recordings.recording import Recording, longest_step
 from mpge_jax.diagnosis.recordings.states import States
-from mpge_jax.diagnosis.simulation.drive_signal import Source
-from mpge_jax.diagnosis.simulation.measured_drives import driving, follows, is_servo, plain_force
+from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
+from mpge_jax.diagnosis.simulation.driving.measured_drives import driving, follows, is_servo, plain_force
 
 Array = np.ndarray
 
