@@ -14,18 +14,18 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.cut_windows import cut
+from mpge_jax.diagnosis.dataset.one_interval import Assumed, floor, level, of_one_row, size
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
+from mpge_jax.diagnosis.estimation.missing_force import active_dofs
 from mpge_jax.diagnosis.estimation.screening import screen
 from mpge_jax.diagnosis.estimation.whitening import Whitener, column_scale
-from mpge_jax.diagnosis.machine.joint_space import integrate
 from mpge_jax.diagnosis.machine.model import qpos_columns
 from mpge_jax.diagnosis.recordings.measurement_noise import SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR, Noise
-from mpge_jax.diagnosis.recordings.noise_level import MAD
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import States
-from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
+from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
 
@@ -35,13 +35,14 @@ INTERVALS = 40
 INTERVALS_IN_THE_END = 300
 """And in the end, when the hypothesis is chosen."""
 KEEP = 5
-ROUNDS, LEAST = 8, 0.3
-"""How often the noise of one row is estimated from what it leads to, and the least share of a miss that it is."""
-DEPTH = 2
-"""Most effects assumed while the noise is bounded."""
+DEPTH, WEIGHED = 2, 3
+"""Most effects, and most unknown forces, that are assumed while the noise is bounded; and how often they are fitted, in
+units of what the last fit missed."""
 DOUBTFUL = 0.03
 """Share of the motion (deviation of the velocities, in the median over columns) from which on noise that differences
 show may be motion itself."""
+CLEARLY = 0.8
+"""Share to which misses must fall, in the mean over columns, to have fallen."""
 LOWER = 0.5
 """The bound is used where it lies below this share of what differences say, in the median over columns."""
 
@@ -126,76 +127,58 @@ def bound(
     w = cut(raw, sim.model, noise, period, INTERVALS, dt, np.random.default_rng([seed, 11]))
     if w.count < 10:
         return noise
-    best = NOTHING
-    level = _level(sim, best, w)
+    assumed, missed = Assumed(), level(sim, Assumed(), w)
     for _ in range(DEPTH):
-        if _size(level) <= _size(_floor(sim.model.nv)):
+        if size(missed) <= size(floor(sim.model.nv)):
             break
-        candidates = screen(sim, best, terms, w, _scaled(w, level))[:KEEP]
-        found = [_settle(sim, f, w, level) for f in candidates]
+        candidates = screen(sim, assumed.fit, terms, w, _scaled(w, missed))[:KEEP]
+        found = [_settle(sim, f, w, missed) for f in candidates]
         if not found:
             break
-        new, lower = min(found, key=lambda x: _size(x[1]))
-        if _size(lower) > _size(level) + np.log(LOWER):
+        new, lower = min(found, key=lambda x: size(x[1]))
+        if size(lower) > size(missed) + np.log(LOWER):
             break
-        best, level = new, lower
+        assumed, missed = Assumed(new), lower
+    assumed, missed = _pushed(sim, assumed, w, missed)
     many = cut(raw, sim.model, noise, period, INTERVALS_IN_THE_END, dt, np.random.default_rng([seed, 12]))
-    return _lowered(noise, _of_one_row(sim, best, many, seed), sim.model)
+    return _lowered(noise, of_one_row(sim, assumed, many, missed, seed), sim.model)
 
 
-def _size(level: Array) -> float:
-    seen = np.isfinite(level)
-    return float(np.mean(np.log(level[seen]))) if seen.any() else 0.0
+def _pushed(sim: Simulator, assumed: Assumed, w: Windows, missed: Array) -> tuple[Assumed, Array]:
+    """With forces of any size at those joints where they leave far less: whatever acts there, what the others are
+    missed by bounds the noise."""
+    for _ in range(DEPTH):
+        if size(missed) <= size(floor(sim.model.nv)):
+            break
+        dofs = [d for d in active_dofs(sim.model) if d not in assumed.pushed]
+        tried = [replace(assumed, pushed=(*assumed.pushed, d)) for d in dofs]
+        found = [(x, _among_itself(sim, x, w, missed)) for x in tried]
+        if not found:
+            break
+        new, lower = min(found, key=lambda x: size(x[1]))
+        if size(lower) > size(missed) + np.log(CLEARLY):
+            break
+        assumed, missed = new, lower
+    return assumed, missed
 
 
-def _level(sim: Simulator, f: Fitted, w: Windows) -> Array:
-    """Typical miss [2 nv] of a hypothesis by column; infinite where nothing was measured."""
-    residual = sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
-    return np.maximum(_typical(residual), _floor(sim.model.nv))
+def _among_itself(sim: Simulator, assumed: Assumed, w: Windows, missed: Array) -> Array:
+    """Misses beside forces that are fitted in units of these."""
+    for _ in range(WEIGHED):
+        missed = level(sim, assumed, w, missed)
+    return missed
 
 
-def _of_one_row(sim: Simulator, f: Fitted, w: Windows, seed: int) -> Array:
-    """Noise [2 nv] of one row, by column, if nothing else makes a hypothesis miss: predictions miss by the noise of the
-    row that they are compared with, and by what the noise of the row that they start from has become."""
-    nv, rng, run = sim.model.nv, np.random.default_rng([seed, 13]), [Run(f.hypothesis, f.theta)]
-    level = _level(sim, f, w)
-    known = np.where(np.isfinite(level), level, 0.0)
-    own, sigma = sim.residuals(run, w)[0], known / np.sqrt(2.0)
-    drawn = rng.standard_normal((w.count, 2 * nv))
-    for _ in range(ROUNDS):
-        change = sigma * drawn
-        moved = replace(w, q0=integrate(sim.model, w.q0, change[:, :nv]), v0=w.v0 + change[:, nv:])
-        became = _typical(sim.residuals(run, moved)[0] - own)
-        rest = known**2 - np.where(np.isfinite(became), became, 0.0) ** 2
-        # half of the way: too much noise in one column leaves too little for the next round of the others
-        sigma = np.sqrt(0.5 * (sigma**2 + np.maximum(rest, (LEAST * known) ** 2)))
-    return np.where(np.isfinite(level), np.maximum(sigma, _floor(nv)), level)
-
-
-def _typical(residual: Array) -> Array:
-    """Deviation [2 nv] of the usual residual [W, N, 2 nv] by column; infinite where nothing was measured."""
-    out = np.full(residual.shape[-1], np.inf)
-    for c in range(out.size):
-        value = np.abs(residual[..., c][np.isfinite(residual[..., c])])
-        if value.size:
-            out[c] = MAD * float(np.median(value))
-    return out
-
-
-def _floor(nv: int) -> Array:
-    return np.repeat([SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR], nv)
-
-
-def _scaled(w: Windows, level: Array) -> Whitener:
-    """Residuals in units of `level`, nothing marginalised."""
-    nv = level.size // 2
+def _scaled(w: Windows, missed: Array) -> Whitener:
+    """Residuals in units of `missed`, nothing marginalised."""
+    nv = missed.size // 2
     seen = np.concatenate(
         [np.broadcast_to(w.seen[..., None], (*w.seen.shape, nv)), np.isfinite(w.qvel)], axis=-1
     )
-    seen = (seen & np.isfinite(level)).reshape(w.count, -1)
+    seen = (seen & np.isfinite(missed)).reshape(w.count, -1)
     none = np.zeros((w.count, 1))
     return Whitener(
-        np.broadcast_to(level, (*w.seen.shape, level.size)),
+        np.broadcast_to(missed, (*w.seen.shape, missed.size)),
         np.zeros((*seen.shape, 1)),
         none,
         seen,
@@ -205,24 +188,24 @@ def _scaled(w: Windows, level: Array) -> Whitener:
     )
 
 
-def _settle(sim: Simulator, f: Fitted, w: Windows, level: Array) -> tuple[Fitted, Array]:
+def _settle(sim: Simulator, f: Fitted, w: Windows, missed: Array) -> tuple[Fitted, Array]:
     """Fit in units of what the fit itself still misses, a few times over."""
-    for _ in range(3):
-        f = fit(sim, [f], w, _scaled(w, level), iterations=3)[0]
-        lower = _level(sim, f, w)
-        if _size(lower) > _size(level) + np.log(0.8):
-            return f, np.minimum(lower, level)
-        level = lower
-    return f, level
+    for _ in range(WEIGHED):
+        f = fit(sim, [f], w, _scaled(w, missed), iterations=3)[0]
+        lower = level(sim, Assumed(f), w)
+        if size(lower) > size(missed) + np.log(CLEARLY):
+            return f, np.minimum(lower, missed)
+        missed = lower
+    return f, missed
 
 
-def _lowered(noise: Noise, level: Array, model: mujoco.MjModel) -> Noise:
+def _lowered(noise: Noise, missed: Array, model: mujoco.MjModel) -> Noise:
     scale = column_scale(noise, model)
-    seen = np.isfinite(level) & np.isfinite(scale)
-    if not seen.any() or np.median(level[seen] / scale[seen]) > LOWER:
+    seen = np.isfinite(missed) & np.isfinite(scale)
+    if not seen.any() or np.median(missed[seen] / scale[seen]) > LOWER:
         return noise
-    lower = np.minimum(scale, level)
-    qpos, qvel = noise.qpos.copy(), np.minimum(noise.qvel, level[model.nv :])
+    lower = np.minimum(scale, missed)
+    qpos, qvel = noise.qpos.copy(), np.minimum(noise.qvel, missed[model.nv :])
     for j in range(model.njnt):
         q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
         kind = int(model.jnt_type[j])
