@@ -199,6 +199,11 @@ class Effect:
         """Indices of the parameters of which at least one must differ from `null` for the effect to exist."""
         return next(iter(self._groups(ctx, place).values()), [])
 
+    def vector(self, ctx: Context, place: Place) -> list[int]:
+        """Indices of the parameters that are components of one vector, which is at `null` where there is no effect."""
+        first = next(iter(self._groups(ctx, place).values()), [])
+        return first if len(first) > 1 else []
+
     def contrasts(self, ctx: Context, place: Place) -> np.ndarray:
         """Combinations [k, p] of the parameters of which at least one must differ from its value at `null` for this to
         be the effect, and not a plainer one that it contains: by default each of `naming` by itself."""

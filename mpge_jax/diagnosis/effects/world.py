@@ -55,6 +55,9 @@ class GravityTilt(Effect):
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return [0, 1]
 
+    def vector(self, ctx: Context, place: Place) -> list[int]:
+        return [0, 1]
+
     def _vector(self, ctx: Context, theta: Array) -> Array:
         return theta @ perpendicular(np.array(ctx.model.opt.gravity))
 

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.drive import Drive
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.estimation.covariance import widened
+from mpge_jax.diagnosis.estimation.covariance import WITHIN, widened
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import (
     fit,
@@ -164,6 +164,34 @@ def as_wide_as_integrators_differ(s: Search, f: Fitted, w: Windows) -> Fitted:
     if not f.theta.size or not f.cov.size or s.sim.rugged(f.hypothesis):
         return f
     return replace(f, cov=widened(f.cov, HALF * _shifted(s, f, w, (INTEGRATOR,))))
+
+
+def without_open_components(s: Search, f: Fitted) -> Fitted:
+    """The fit with those components of vectors at nothing of which its intervals hold that they are, unless that is
+    missed: on a planar machine gravity may be tilted sideways by any angle, and to report one would say that it is
+    known. Intervals stay as they are.
+    """
+    ctx, theta, cov = s.sim.ctx, f.theta.copy(), f.cov.copy()
+    if not cov.size:
+        return f
+    for term, part in zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True):
+        vector = [part.start + i for i in term.effect.vector(ctx, term.place)] if term.effect.named else []
+        nothing = {part.start + i: x for i, x in enumerate(term.effect.null(ctx, term.place))}
+        while len(vector) > 1:
+            z = {i: abs(theta[i] - nothing[i]) / np.sqrt(max(cov[i, i], 1e-300)) for i in vector}
+            least = min(vector, key=lambda i: z[i])
+            if z[least] > WITHIN:
+                break
+            # where the others are best beside it, as near the fit the loss is quadratic
+            beside = cov[:, least] / max(cov[least, least], 1e-300)
+            theta, cov = theta + (nothing[least] - theta[least]) * beside, cov - np.outer(beside, cov[least])
+            theta[least] = nothing[least]
+            vector.remove(least)
+    fewer = replace(f, theta=theta)
+    if np.array_equal(theta, f.theta):
+        return f
+    more, less = s.score([f, fewer], s.whiten(f))
+    return f if missed(more, less) else fewer
 
 
 def _shifted(s: Search, f: Fitted, w: Windows, kinds: tuple[str, ...]) -> Array:

@@ -25,6 +25,7 @@ from mpge_jax.diagnosis.selection.backward_elimination import (
     needed_fit,
     refined,
     with_timestep_error,
+    without_open_components,
 )
 from mpge_jax.diagnosis.selection.confirmation import confirmed, predicts_better, refitted
 from mpge_jax.diagnosis.selection.criteria import may_be_none
@@ -144,7 +145,9 @@ def tested(p: Prepared, s: Search, found: Decision) -> tuple[Decision, FitReport
             break
         p.warnings += left_out(unsure[:1], MAY_BE_NONE)
         found = _refined(p, s, fewer)
-    return replace(sure, fit=as_wide_as_integrators_differ(s, sure.fit, _told_by(p, s, found))), report
+    wide = as_wide_as_integrators_differ(s, sure.fit, _told_by(p, s, found))
+    f = without_open_components(s, wide)
+    return replace(sure, fit=f), report if f is wide else fit_report(p, f, "test")
 
 
 def _kept(p: Prepared, s: Search, found: Decision, part: Part) -> tuple[Decision, FitReport]:
