@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -54,6 +54,7 @@ def fit(
     stride: float = 1.0,
     slopes: Slopes | None = None,
     anew: bool = True,
+    still: Collection[Term] = (),
 ) -> list[Fitted]:
     """Fit every start; returns them in order, with losses, information and covariances on `w`.
 
@@ -64,9 +65,12 @@ def fit(
     Args:
         tolerance: share of the loss (of a tenth at least) that is no gain. stride: length of finite differences, in
             usual ones. slopes: of terms that the starts share, told near them: the fit begins with these. anew: slopes
-            are simulated once more in the end; else information and covariances are those of the secants.
+            are simulated once more in the end; else information and covariances are those of the secants. still: terms
+        whose parameters stay as they are.
     """
-    problems = [Problem(f, f.hypothesis.params(sim.ctx), stride=stride) for f in starts]
+    problems = [
+        Problem(f, f.hypothesis.params(sim.ctx), _of_terms(sim, f, still), stride=stride) for f in starts
+    ]
     _verify(sim, problems, w, white, tolerance)
     _linearise(sim, problems, w, white, slopes)
     for _ in range(iterations):
@@ -219,7 +223,7 @@ def _linearise(
         steps, told = p.steps(), _of_parameters(p, sim, known or {})
         layout.append((len(runs), steps, told))
         runs.append(Run(p.fit.hypothesis, p.fit.theta))
-        for i in (i for i in range(steps.size) if i not in told):
+        for i in _asked(p, told):
             theta = p.fit.theta.copy()
             theta[i] += steps[i]
             runs.append(Run(p.fit.hypothesis, theta))
@@ -228,7 +232,7 @@ def _linearise(
         return
     costly, res = sim.costly(w), _told(sim, runs, exactly, w)
     for p, (first, steps, told) in zip(problems, layout, strict=True):
-        own = [i for i in range(steps.size) if i not in told]
+        own = _asked(p, told)
         here = res[first : first + 1 + len(own)]
         if costly and p.verified is p.fit:
             p.offset = p.exact - here[0]
@@ -236,11 +240,23 @@ def _linearise(
             here = here + p.offset
         flat = white(here)
         p.whitened, p.secant = flat[0], bool(told)
-        p.jacobian = np.empty((steps.size, *flat.shape[1:]), flat.dtype)
+        p.jacobian = np.zeros((steps.size, *flat.shape[1:]), flat.dtype)
         p.jacobian[own] = (flat[1:] - flat[0]) / steps[own, None, None]
         for i, column in told.items():
             p.jacobian[i] = column
         p.fit = _judged(p, p.fit.theta, flat[0], w, white)
+
+
+def _asked(p: Problem, told: dict[int, Array]) -> list[int]:
+    """Parameters whose slopes are to be simulated."""
+    still = set(np.flatnonzero(p.still).tolist())
+    return [i for i in range(len(p.params)) if i not in told and i not in still]
+
+
+def _of_terms(sim: Simulator, f: Fitted, terms: Collection[Term]) -> Array:
+    """[p] which parameters are those of some terms; empty where there are none of these."""
+    each = [np.full(len(t.params(sim.ctx)), t in terms) for t in f.hypothesis.terms] if terms else []
+    return np.concatenate(each) if each else np.zeros(0, bool)
 
 
 def _of_parameters(p: Problem, sim: Simulator, known: Slopes) -> dict[int, Array]:

@@ -24,6 +24,7 @@ class Problem:
 
     Attributes:
         fit: where it stands. whitened: [W, M] residuals there. jacobian: [p, W, M] slopes of those.
+        still: [p] parameters that stay, whose slopes are not asked for (zero); empty: none.
         secant: whether these hold what was seen on the way here, and were not all simulated here.
         verified: where the model's own steps told the residuals last, if cheaper ones stand for them. exact: [W, N,
         2 nv] these residuals, empty where not known yet. offset: [W, N, 2 nv] the same less those of the cheaper steps.
@@ -35,6 +36,7 @@ class Problem:
 
     fit: Fitted
     params: list[Param]
+    still: Array = field(default_factory=lambda: np.zeros(0, bool))
     damping: float = 1e-3
     whitened: Array = field(default_factory=nothing)
     jacobian: Array = field(default_factory=nothing)
@@ -110,7 +112,7 @@ def _step(p: Problem, weight: Array, damping: float, residuals: Array | None = N
     g = g + values * (p.fit.theta - p.fit.centre) / widths**2
     diagonal = np.diag(h).copy()
     diagonal[diagonal <= 0] = 1e-30
-    free = np.ones(len(p.params), bool)
+    free = ~p.still if p.still.size else np.ones(len(p.params), bool)
     step = np.zeros(len(p.params))
     while free.any():
         index = np.flatnonzero(free)
@@ -149,6 +151,8 @@ def without_slopes(p: Problem, ctx: Context) -> list[Array]:
     low, high = bounds(p.params)
     out = []
     for term, part in zip(p.fit.hypothesis.terms, p.fit.hypothesis.slices(ctx), strict=True):
+        if p.still[part].any():
+            continue
         for other in term.effect.detours(ctx, term.place, p.fit.theta[part]):
             theta = p.fit.theta.copy()
             theta[part] = other

@@ -14,9 +14,9 @@ from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, evaluate, fit, slopes_of
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, starts_beside
-from mpge_jax.diagnosis.estimation.whitening import Whitener
+from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.evidence.joints_of_place import first_joints, next_to
-from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, odds
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio, odds
 from mpge_jax.diagnosis.evidence.rigid_equivalence import carried_over, same_body
 from mpge_jax.diagnosis.evidence.same_in_principle import same
 from mpge_jax.diagnosis.evidence.scored import Rival, Scored, evidence, hopeful
@@ -39,8 +39,9 @@ SPECIAL_CASES = {
     ),
 }
 """Plain effects and the elaborate ones that contain them at the same place: those always fit as well."""
-ITERATIONS = 8
-"""Steps of the fit of what comes near, most of which ends before: hypotheses are compared each at its own best."""
+ITERATIONS, ALONE = 8, 3
+"""Steps of the fit of what comes near, most of which ends before: hypotheses are compared each at its own best. And
+those before that of what stands in an effect's place alone."""
 NOTHING_WEIGHED: Mapping[Term, list[Rival]] = MappingProxyType({})
 PLAIN_LAWS = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
 
@@ -117,6 +118,7 @@ def _instead(
             near = [f for f in near if not _contains(f, without, term)][:1]
         near += [f for f in fits if f.hypothesis in alike - {x.hypothesis for x in near}]
         near += [f for t in candidates if (f := carried_over(ctx, best.fit, term, t)) is not None]
+        near = _beside_the_same(s, best.fit, near, sample)
         nearest = {f.hypothesis for f in near}
         far = [f for f in fits if f.hypothesis not in nearest]
         fits = [*fit(s.sim, near, s.train, white, iterations=ITERATIONS, slopes=slopes), *far]
@@ -124,6 +126,30 @@ def _instead(
     if term.id in PLAIN_LAWS and (unsettled or _pushed(ctx, hypothesis, term)):
         fits += _richer(s, best, white, sample, term, (beside, slopes))
     return fits
+
+
+def _beside_the_same(
+    s: Search, best: Fitted, fits: list[Fitted], sample: tuple[Windows, Whitener]
+) -> list[Fitted]:
+    """Fits, each with the effects of the best one as they are there and its own where it is best beside these, unless
+    that is worse beyond doubt on a sample of windows: while its own was far from there, the others had given way.
+
+    Args:
+        fits: on that sample.
+    """
+    ctx, known = s.sim.ctx, best.hypothesis.split(s.sim.ctx, best.theta)
+    starts = []
+    for f in fits:
+        parts = f.hypothesis.split(ctx, f.theta)
+        theta = f.hypothesis.gather(ctx, {t: known.get(t, own) for t, own in parts.items()})
+        starts.append(Fitted(f.hypothesis, theta, theta))
+    alone = fit(s.sim, starts, *sample, iterations=ALONE, anew=False, still=known)
+    return [f if _worse(x, f) else x for f, x in zip(fits, alone, strict=True)]
+
+
+def _worse(f: Fitted, than: Fitted) -> bool:
+    """Whether the windows of both speak against `f` beyond doubt."""
+    return bool(than.x.size) and beyond_doubt(log_ratio(robust_loss(f.x) - robust_loss(than.x)))
 
 
 def _near(ctx: Context, term: Term, other: Term) -> bool:

@@ -63,6 +63,17 @@ def test_a_step_that_goes_nowhere_is_no_gain(rubbing_finely):
     assert better.theta == f.theta + 0.01
 
 
+def test_terms_that_are_to_stay_do(rubbing_finely):
+    s, _ = rubbing_finely
+    start = fitted(s, {DAMPING: [0.03], COULOMB: [0.01]})
+    part = dict(zip(start.hypothesis.terms, start.hypothesis.slices(s.sim.ctx), strict=True))
+    white = s.whiten_one(start, s.train)
+    held, free = (fit(s.sim, [start], s.train, white, iterations=12, still=x)[0] for x in ([DAMPING], []))
+    np.testing.assert_array_equal(held.theta[part[DAMPING]], [0.03])
+    assert free.theta[part[DAMPING]] < 0.02 and free.theta[part[COULOMB]] > 2 * held.theta[part[COULOMB]]
+    assert free.loss < held.loss < fit(s.sim, [start], s.train, white, iterations=0)[0].loss
+
+
 def test_detours_are_taken_at_first_and_then_where_slopes_lead_nowhere(rubbing_finely, monkeypatch):
     s, _ = rubbing_finely
     aside, seen = 0.7, []

@@ -9,6 +9,7 @@ import pytest
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.machine.model import compile_variable
@@ -20,6 +21,14 @@ from tests.diagnosis.machines import ARM, FINE_ARM, PENDULUM, really_sticks, rec
 from tests.diagnosis.searches import ARMATURE, COULOMB, DAMPING, GAIN, HINGE, MOTOR, fitted, search_of
 
 BIAS, BY_DIRECTION = Term("actuator_bias", MOTOR), Term("asymmetric_friction", HINGE)
+
+
+ON_AN_AXIS = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+<body name="arm"><joint name="arm" axis="0 0 1" damping="0.02"/>
+<geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass=".6" contype="0" conaffinity="0"/>
+<body name="rod" pos=".2 0 0"><joint name="rod" axis="1 0 0" damping="0.002"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.25" size=".01" mass=".15" contype="0" conaffinity="0"/></body></body>
+</worldbody><actuator><motor name="motor" joint="arm"/></actuator></mujoco>"""
 
 
 def _settled(change, *terms: Term) -> Hypothesis:
@@ -93,6 +102,34 @@ def test_a_payload_takes_the_place_of_one_at_the_next_body_and_of_what_stood_bes
     assert better is not None and str(better.term) == "payload_mass@upper"
     (left,) = prune(s, better.fit).hypothesis.terms
     assert str(left) == "payload_mass@upper"
+
+
+def test_what_does_the_same_is_compared_where_it_does():
+    """On a vertical axis a mass farther out is rotor inertia. While that is told from nothing on, factors of given
+    masses give way."""
+
+    def heavier(model: mujoco.MjModel) -> None:
+        model.dof_armature[0] += 0.004
+
+    s, _ = search_of(ON_AN_AXIS, record(ON_AN_AXIS, [0.3], change=heavier, count=4))
+    names, ctx = {str(t): t for t in s.terms}, s.sim.ctx
+    offset, armature = names["com_offset@arm"], names["armature@arm"]
+    given = next(t for t in s.terms if not t.effect.named)
+    nothing = given.effect.null(ctx, given.place)
+    best, whites = final_fit(s, fitted(s, {offset: [0.03, 0.0, 0.0], given: list(nothing)}))
+    sample = s.train, whites[0]
+    yielding = fitted(s, {armature: [0.001], given: [1.08, 1.09, *nothing[2:]]})
+    yielding = fit(s.sim, [yielding], *sample, iterations=0)[0]
+    (told,) = alternatives._beside_the_same(s, best, [yielding], sample)
+    parts, known = (f.hypothesis.split(ctx, f.theta) for f in (told, best))
+    np.testing.assert_array_equal(parts[given], known[given])
+    assert parts[armature] == pytest.approx(0.004, rel=0.1)
+    # what needs the others to be as they are stays
+    other = fitted(s, {armature: [0.004], given: [1.0, 1.0, 1.0, 0.8]})
+    (kept,) = alternatives._beside_the_same(s, other, [best], sample)
+    assert kept is best
+    same = {r.term: r for r in find_rivals(s, s.score([best], whites)[0], whites, [])[offset]}[armature]
+    assert same.tied
 
 
 def _on_an_arm(*names: str) -> Hypothesis:
