@@ -348,7 +348,7 @@ def gate(name: str) -> Gate:
 
 WORK = {
     "selection.all_joints": ("ITERATIONS",),
-    "selection.alternatives": ("ITERATIONS",),
+    "selection.alternatives": ("ITERATIONS", "ALONE"),
     "selection.backward_elimination": ("HALF",),
     "selection.closer_forms": ("ITERATIONS",),
     "selection.competition": ("KEEP", "KEEP_OF_MANY"),

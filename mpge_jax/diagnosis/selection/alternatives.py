@@ -115,12 +115,15 @@ def _instead(
         # what comes near is judged on all windows, so it is fitted to them
         near = hopeful(fits, evaluate(s.sim, [base], *sample)[0].loss)
         if many:
-            near = [f for f in near if not _contains(f, without, term)][:1]
+            near = [f for f in near if not _contains(f, without, term)]
         near += [f for f in fits if f.hypothesis in alike - {x.hypothesis for x in near}]
         near += [f for t in candidates if (f := carried_over(ctx, best.fit, term, t)) is not None]
         near = _beside_the_same(s, best.fit, near, sample)
-        nearest = {f.hypothesis for f in near}
-        far = [f for f in fits if f.hypothesis not in nearest]
+        nearest = min(near, key=lambda f: f.loss, default=None)
+        if many and nearest is not None:
+            near = [f for f in near if f.hypothesis in alike or not _worse(f, nearest)]
+        settled = {f.hypothesis for f in near}
+        far = [f for f in fits if f.hypothesis not in settled]
         fits = [*fit(s.sim, near, s.train, white, iterations=ITERATIONS, slopes=slopes), *far]
     unsettled = best.losses.mean() > SETTLED or best.factor > 1.0
     if term.id in PLAIN_LAWS and (unsettled or _pushed(ctx, hypothesis, term)):
