@@ -3,7 +3,8 @@
 High-order differences take motion between two rows for noise: at 20 rows a second a running machine seems to be
 measured to a tenth of a radian. Where velocities were recorded too, every pair of rows is a prediction of its own:
 from the state as measured, over one interval. What the best hypothesis misses there holds the noise of both rows and
-whatever physics is still missing, so it bounds the noise from above; the lower of the two bounds is taken.
+whatever physics is still missing, so it bounds the noise from above; the lower of the two bounds is taken. What no
+effect explains is kept out by forces of any size at two joints at most: the others tell the noise.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.cut_windows import cut
-from mpge_jax.diagnosis.dataset.one_interval import Assumed, floor, level, of_one_row, size
+from mpge_jax.diagnosis.dataset.one_interval import Assumed, least_misses, mean_logarithm, misses, of_one_row
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
@@ -127,16 +128,16 @@ def bound(
     w = cut(raw, sim.model, noise, period, INTERVALS, dt, np.random.default_rng([seed, 11]))
     if w.count < 10:
         return noise
-    assumed, missed = Assumed(), level(sim, Assumed(), w)
+    assumed, missed = Assumed(), misses(sim, Assumed(), w)
     for _ in range(DEPTH):
-        if size(missed) <= size(floor(sim.model.nv)):
+        if mean_logarithm(missed) <= mean_logarithm(least_misses(sim.model.nv)):
             break
         candidates = screen(sim, assumed.fit, terms, w, _scaled(w, missed))[:KEEP]
         found = [_settle(sim, f, w, missed) for f in candidates]
         if not found:
             break
-        new, lower = min(found, key=lambda x: size(x[1]))
-        if size(lower) > size(missed) + np.log(LOWER):
+        new, lower = min(found, key=lambda x: mean_logarithm(x[1]))
+        if mean_logarithm(lower) > mean_logarithm(missed) + np.log(LOWER):
             break
         assumed, missed = Assumed(new), lower
     assumed, missed = _pushed(sim, assumed, w, missed)
@@ -148,15 +149,15 @@ def _pushed(sim: Simulator, assumed: Assumed, w: Windows, missed: Array) -> tupl
     """With forces of any size at those joints where they leave far less: whatever acts there, what the others are
     missed by bounds the noise."""
     for _ in range(DEPTH):
-        if size(missed) <= size(floor(sim.model.nv)):
+        if mean_logarithm(missed) <= mean_logarithm(least_misses(sim.model.nv)):
             break
         dofs = [d for d in active_dofs(sim.model) if d not in assumed.pushed]
         tried = [replace(assumed, pushed=(*assumed.pushed, d)) for d in dofs]
         found = [(x, _among_itself(sim, x, w, missed)) for x in tried]
         if not found:
             break
-        new, lower = min(found, key=lambda x: size(x[1]))
-        if size(lower) > size(missed) + np.log(CLEARLY):
+        new, lower = min(found, key=lambda x: mean_logarithm(x[1]))
+        if mean_logarithm(lower) > mean_logarithm(missed) + np.log(CLEARLY):
             break
         assumed, missed = new, lower
     return assumed, missed
@@ -165,7 +166,7 @@ def _pushed(sim: Simulator, assumed: Assumed, w: Windows, missed: Array) -> tupl
 def _among_itself(sim: Simulator, assumed: Assumed, w: Windows, missed: Array) -> Array:
     """Misses beside forces that are fitted in units of these."""
     for _ in range(WEIGHED):
-        missed = level(sim, assumed, w, missed)
+        missed = misses(sim, assumed, w, missed)
     return missed
 
 
@@ -192,8 +193,8 @@ def _settle(sim: Simulator, f: Fitted, w: Windows, missed: Array) -> tuple[Fitte
     """Fit in units of what the fit itself still misses, a few times over."""
     for _ in range(WEIGHED):
         f = fit(sim, [f], w, _scaled(w, missed), iterations=3)[0]
-        lower = level(sim, Assumed(f), w)
-        if size(lower) > size(missed) + np.log(CLEARLY):
+        lower = misses(sim, Assumed(f), w)
+        if mean_logarithm(lower) > mean_logarithm(missed) + np.log(CLEARLY):
             return f, np.minimum(lower, missed)
         missed = lower
     return f, missed

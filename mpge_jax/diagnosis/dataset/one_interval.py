@@ -32,18 +32,18 @@ class Assumed:
     pushed: tuple[int, ...] = ()
 
 
-def floor(nv: int) -> Array:
+def least_misses(nv: int) -> Array:
     """The least miss [2 nv]."""
     return np.repeat([SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR], nv)
 
 
-def size(level: Array) -> float:
-    """Mean logarithm of misses [2 nv]."""
-    seen = np.isfinite(level)
-    return float(np.mean(np.log(level[seen]))) if seen.any() else 0.0
+def mean_logarithm(missed: Array) -> float:
+    """Of misses [2 nv], where they are told."""
+    seen = np.isfinite(missed)
+    return float(np.mean(np.log(missed[seen]))) if seen.any() else 0.0
 
 
-def level(sim: Simulator, assumed: Assumed, w: Windows, before: Array | None = None) -> Array:
+def misses(sim: Simulator, assumed: Assumed, w: Windows, before: Array | None = None) -> Array:
     """Typical miss [2 nv] by column; infinite where nothing was measured.
 
     Args:
@@ -51,10 +51,10 @@ def level(sim: Simulator, assumed: Assumed, w: Windows, before: Array | None = N
     """
     residual = _residual(sim, assumed.fit, w)
     if not assumed.pushed:
-        return np.maximum(_typical(residual), floor(sim.model.nv))
+        return np.maximum(_typical(residual), least_misses(sim.model.nv))
     assert before is not None
     left = _typical(_beside_forces(sim, assumed, w, before)(residual))
-    return np.maximum(np.minimum(_as_others(sim.model, left), before), floor(sim.model.nv))
+    return np.maximum(np.minimum(_as_others(sim.model, left), before), least_misses(sim.model.nv))
 
 
 def _as_others(model: mujoco.MjModel, missed: Array) -> Array:
@@ -73,7 +73,7 @@ def of_one_row(sim: Simulator, assumed: Assumed, w: Windows, before: Array, seed
     """Noise [2 nv] of one row, by column, if nothing else makes predictions miss: they do by the noise of the row that
     they are compared with, and by what the noise of the row that they start from has become."""
     nv, rng = sim.model.nv, np.random.default_rng([seed, 13])
-    missed = level(sim, assumed, w, before)
+    missed = misses(sim, assumed, w, before)
     known = np.where(np.isfinite(missed), missed, 0.0)
     own, sigma = _residual(sim, assumed.fit, w), known / np.sqrt(2.0)
     beside = _beside_forces(sim, assumed, w, missed)
@@ -85,7 +85,7 @@ def of_one_row(sim: Simulator, assumed: Assumed, w: Windows, before: Array, seed
         rest = known**2 - np.where(np.isfinite(became), became, 0.0) ** 2
         # half of the way: too much noise in one column leaves too little for the next round of the others
         sigma = np.sqrt(0.5 * (sigma**2 + np.maximum(rest, (LEAST * known) ** 2)))
-    return np.where(np.isfinite(missed), np.maximum(sigma, floor(nv)), missed)
+    return np.where(np.isfinite(missed), np.maximum(sigma, least_misses(nv)), missed)
 
 
 def _residual(sim: Simulator, f: Fitted, w: Windows) -> Array:
