@@ -19,7 +19,7 @@ FOUND = {
     "StickyCheetah": ("effects", "coulomb_friction", ("fthigh",), "torque", 60.0),
     "LoadedHopper": ("effects", "payload_mass", ("torso",), "mass", 1.5),
     "SlipperyCheetah": ("effects", "contact_friction", ("world",), "mu", 0.05),
-    "StrappedCheetah": ("none", None, (), None, None),
+    "StrappedCheetah": ("unexplained", None, (), None, None),
 }
 
 
