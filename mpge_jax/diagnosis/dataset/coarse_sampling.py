@@ -9,6 +9,7 @@ effect explains, where none does, is kept out by forces of any size at two joint
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import mujoco
@@ -31,6 +32,8 @@ from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
+Told = tuple[Assumed, np.ndarray]
+"""What is assumed, and what is missed [2 nv] with it."""
 INTERVALS = 40
 """Pairs of rows that are predicted."""
 INTERVALS_IN_THE_END = 300
@@ -128,40 +131,38 @@ def bound(
     w = cut(raw, sim.model, noise, period, INTERVALS, dt, np.random.default_rng([seed, 11]))
     if w.count < 10:
         return noise
-    assumed, missed = Assumed(), misses(sim, Assumed(), w)
-    for _ in range(DEPTH):
-        if mean_logarithm(missed) <= mean_logarithm(least_misses(sim.model.nv)):
-            break
+    start = Assumed(), misses(sim, Assumed(), w)
+
+    def effects(assumed: Assumed, missed: Array) -> list[Told]:
         candidates = screen(sim, assumed.fit, terms, w, _scaled(w, missed))[:KEEP]
-        found = [_settle(sim, f, w, missed) for f in candidates]
-        if not found:
-            break
-        new, lower = min(found, key=lambda x: mean_logarithm(x[1]))
-        if mean_logarithm(lower) > mean_logarithm(missed) + np.log(LOWER):
-            break
-        assumed, missed = Assumed(new), lower
+        return [_settle(sim, f, w, missed) for f in candidates]
+
+    def forces(assumed: Assumed, missed: Array) -> list[Told]:
+        dofs = [d for d in active_dofs(sim.model) if d not in assumed.pushed]
+        tried = [replace(assumed, pushed=(*assumed.pushed, d)) for d in dofs]
+        return [(x, _among_itself(sim, x, w, missed)) for x in tried]
+
+    assumed, missed = _lowest(start, effects, LOWER)
     if not assumed.fit.hypothesis.terms:
-        assumed, missed = _pushed(sim, assumed, w, missed)
+        assumed, missed = _lowest(start, forces, CLEARLY)
     many = cut(raw, sim.model, noise, period, INTERVALS_IN_THE_END, dt, np.random.default_rng([seed, 12]))
     return _lowered(noise, of_one_row(sim, assumed, many, missed, seed), sim.model)
 
 
-def _pushed(sim: Simulator, assumed: Assumed, w: Windows, missed: Array) -> tuple[Assumed, Array]:
-    """With forces of any size at those joints where they leave far less: whatever acts there, what the others are
-    missed by bounds the noise."""
+def _lowest(told: Told, further: Callable[[Assumed, Array], list[Told]], share: float) -> Told:
+    """What misses least with some more assumed, one thing after the other, as long as misses fall to a share by it."""
     for _ in range(DEPTH):
-        if mean_logarithm(missed) <= mean_logarithm(least_misses(sim.model.nv)):
+        missed = told[1]
+        if mean_logarithm(missed) <= mean_logarithm(least_misses(missed.size // 2)):
             break
-        dofs = [d for d in active_dofs(sim.model) if d not in assumed.pushed]
-        tried = [replace(assumed, pushed=(*assumed.pushed, d)) for d in dofs]
-        found = [(x, _among_itself(sim, x, w, missed)) for x in tried]
+        found = further(*told)
         if not found:
             break
-        new, lower = min(found, key=lambda x: mean_logarithm(x[1]))
-        if mean_logarithm(lower) > mean_logarithm(missed) + np.log(CLEARLY):
+        lowest = min(found, key=lambda x: mean_logarithm(x[1]))
+        if mean_logarithm(lowest[1]) > mean_logarithm(missed) + np.log(share):
             break
-        assumed, missed = new, lower
-    return assumed, missed
+        told = lowest
+    return told
 
 
 def _among_itself(sim: Simulator, assumed: Assumed, w: Windows, missed: Array) -> Array:
@@ -190,15 +191,15 @@ def _scaled(w: Windows, missed: Array) -> Whitener:
     )
 
 
-def _settle(sim: Simulator, f: Fitted, w: Windows, missed: Array) -> tuple[Fitted, Array]:
+def _settle(sim: Simulator, f: Fitted, w: Windows, missed: Array) -> Told:
     """Fit in units of what the fit itself still misses, a few times over."""
     for _ in range(WEIGHED):
         f = fit(sim, [f], w, _scaled(w, missed), iterations=3)[0]
         lower = misses(sim, Assumed(f), w)
         if mean_logarithm(lower) > mean_logarithm(missed) + np.log(CLEARLY):
-            return f, np.minimum(lower, missed)
+            return Assumed(f), np.minimum(lower, missed)
         missed = lower
-    return f, missed
+    return Assumed(f), missed
 
 
 def _lowered(noise: Noise, missed: Array, model: mujoco.MjModel) -> Noise:

@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.missing_force import pushes
+from mpge_jax.diagnosis.estimation.whitening import in_units
 from mpge_jax.diagnosis.machine.joint_space import integrate
 from mpge_jax.diagnosis.recordings.measurement_noise import SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR
 from mpge_jax.diagnosis.recordings.noise_level import MAD
@@ -18,8 +20,6 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 Array = np.ndarray
 ROUNDS, LEAST = 8, 0.3
 """How often the noise of one row is estimated from what it leads to, and the least share of a miss that it is."""
-PUSH = 0.02
-"""Force, in the machine's typical ones, by which the answer to forces is told."""
 TAKEN = 0.9
 """Share of a number's noise that forces fitted to it take, from which on it tells nothing of that."""
 
@@ -97,28 +97,20 @@ def _beside_forces(sim: Simulator, assumed: Assumed, w: Windows, before: Array) 
     large as noise is of which that much was taken; NaN where that is nearly all."""
     if not assumed.pushed:
         return np.asarray
-    f, scale = assumed.fit, PUSH * np.maximum(sim.ctx.torque, 1e-9)
-    runs = [Run(f.hypothesis, f.theta)]
-    runs += [Run(f.hypothesis, f.theta, push=(d, float(scale[d]))) for d in assumed.pushed]
-    plain, *pushed = _flat(sim.residuals(runs, w), before)
+    _, runs = pushes(sim, assumed.fit, assumed.pushed)
+    plain, *pushed = in_units(sim.residuals(runs, w), before)
     basis, singular, _ = np.linalg.svd(np.stack(pushed, -1) - plain[..., None], full_matrices=False)
     basis = basis * (singular > 1e-9 * singular.max(-1, keepdims=True))[:, None]
     taken = (basis**2).sum(-1)
 
     def left(residual: Array) -> Array:
-        flat = _flat(residual, before)
+        flat = in_units(residual, before)
         rest = flat - np.einsum("wmk,wnk,wn->wm", basis, basis, flat, optimize=True)
         rest = np.where(taken < TAKEN, rest / np.sqrt(np.maximum(1.0 - taken, 1e-9)), np.nan)
         known = np.isfinite(residual) & np.isfinite(before)
         return np.where(known, rest.reshape(residual.shape) * np.where(known, before, 0.0), np.nan)
 
     return left
-
-
-def _flat(residual: Array, scale: Array) -> Array:
-    """Residuals [..., N, 2 nv] in units of `scale` [2 nv], zero where nothing was measured: [..., M]."""
-    x = np.where(np.isfinite(residual) & np.isfinite(scale), residual / scale, 0.0)
-    return x.reshape(*x.shape[:-2], -1)
 
 
 def _typical(residual: Array) -> Array:

@@ -197,12 +197,16 @@ class Effect:
 
     def naming(self, ctx: Context, place: Place) -> list[int]:
         """Indices of the parameters of which at least one must differ from `null` for the effect to exist."""
-        return next(iter(self._groups(ctx, place).values()), [])
+        return self._first(ctx, place)
 
     def vector(self, ctx: Context, place: Place) -> list[int]:
         """Indices of the parameters that are components of one vector, which is at `null` where there is no effect."""
-        first = next(iter(self._groups(ctx, place).values()), [])
+        first = self._first(ctx, place)
         return first if len(first) > 1 else []
+
+    def _first(self, ctx: Context, place: Place) -> list[int]:
+        """Indices of the parameters of what is reported first."""
+        return next(iter(self._groups(ctx, place).values()), [])
 
     def contrasts(self, ctx: Context, place: Place) -> np.ndarray:
         """Combinations [k, p] of the parameters of which at least one must differ from its value at `null` for this to

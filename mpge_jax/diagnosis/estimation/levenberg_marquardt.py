@@ -249,8 +249,7 @@ def _linearise(
 
 def _asked(p: Problem, told: dict[int, Array]) -> list[int]:
     """Parameters whose slopes are to be simulated."""
-    still = set(np.flatnonzero(p.still).tolist())
-    return [i for i in range(len(p.params)) if i not in told and i not in still]
+    return [i for i in np.flatnonzero(p.free).tolist() if i not in told]
 
 
 def _of_terms(sim: Simulator, f: Fitted, terms: Collection[Term]) -> Array:

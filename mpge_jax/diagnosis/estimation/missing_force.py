@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import mujoco
@@ -16,6 +17,8 @@ from mpge_jax.diagnosis.simulation.cheaper_steps import Near
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
+PUSH = 0.02
+"""Force, in the machine's typical ones, by which the answer to forces is told."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +68,16 @@ class Probed:
         return along / np.maximum(cost, 1e-300), whole
 
 
+def pushes(sim: Simulator, f: Fitted, dofs: Iterable[int]) -> tuple[Array, list[Run]]:
+    """Forces [nv] that are small beside the machine's own, and the runs of `f` without them and with each of some."""
+    scale = PUSH * np.maximum(sim.ctx.torque, 1e-9)
+    pushed = [Run(f.hypothesis, f.theta, push=(d, float(scale[d]))) for d in dofs]
+    return scale, [Run(f.hypothesis, f.theta), *pushed]
+
+
 def probed(sim: Simulator, f: Fitted, w: Windows, white: Whitener) -> Probed:
     """Windows probed by a small push at every degree of freedom."""
-    nv, scale = sim.model.nv, np.maximum(sim.ctx.torque, 1e-9) * 0.02
-    runs = [Run(f.hypothesis, f.theta)]
-    runs += [Run(f.hypothesis, f.theta, push=(d, float(x))) for d, x in enumerate(scale)]
+    nv, (scale, runs) = sim.model.nv, pushes(sim, f, range(sim.model.nv))
     flat = white(Near.to(sim, runs[0], w).residuals(runs))
     columns = np.moveaxis(flat[1:] - flat[0], 0, -1)  # [W, M, nv]
     gram = np.einsum("wmi,wmj->wij", columns, columns) + 1e-12 * np.eye(nv)

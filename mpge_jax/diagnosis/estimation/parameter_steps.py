@@ -57,6 +57,11 @@ class Problem:
         """[W] by how much each window counts: less, the worse it is missed."""
         return 1.0 / (1.0 + self.fit.x / 5.0)
 
+    @property
+    def free(self) -> Array:
+        """[p] whether a parameter is not to stay."""
+        return ~self.still if self.still.size else np.ones(len(self.params), bool)
+
     def foreseen(self, theta: Array) -> Array:
         """By how much residuals [W, M] change up to `theta` [p], by the slopes."""
         return np.tensordot((theta - self.fit.theta).astype(self.jacobian.dtype), self.jacobian, 1)
@@ -112,7 +117,7 @@ def _step(p: Problem, weight: Array, damping: float, residuals: Array | None = N
     g = g + values * (p.fit.theta - p.fit.centre) / widths**2
     diagonal = np.diag(h).copy()
     diagonal[diagonal <= 0] = 1e-30
-    free = ~p.still if p.still.size else np.ones(len(p.params), bool)
+    free = p.free
     step = np.zeros(len(p.params))
     while free.any():
         index = np.flatnonzero(free)

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.whitening import KAPPA, row_scale, start_runs
+from mpge_jax.diagnosis.estimation.whitening import KAPPA, in_units, row_scale, start_runs
 from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.cheaper_steps import changes
@@ -79,8 +79,7 @@ def left_open(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Array:
 
 def _plain(residual: Array, scale: Array) -> Array:
     """Residuals [..., W, N, 2 nv] in units of noise [W, N, 2 nv]: [..., W, M], zero where nothing was measured."""
-    x = np.where(np.isfinite(residual) & np.isfinite(scale), residual / scale, 0.0)
-    return np.clip(x, -FAR, FAR).reshape(*x.shape[:-2], -1)
+    return np.clip(in_units(residual, scale), -FAR, FAR)
 
 
 def _columns(sim: Simulator, f: Fitted, w: Windows, noise: Noise) -> Array:

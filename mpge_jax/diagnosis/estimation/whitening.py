@@ -80,10 +80,7 @@ class Whitener:
 
     def plain(self, residual: Array) -> Array:
         """Residuals [..., W, N, 2 nv] in units of noise: [..., W, M], zero where unseen."""
-        r = residual / self.scale
-        r = np.where(np.isfinite(residual), r, 0.0)
-        r = np.clip(r, -_CAP, _CAP)
-        return r.reshape(*r.shape[:-2], r.shape[-2] * r.shape[-1]) + self.offset
+        return np.clip(in_units(residual, self.scale), -_CAP, _CAP) + self.offset
 
     def __call__(self, residual: Array) -> Array:
         """Whitened residuals [..., W, M]."""
@@ -99,6 +96,12 @@ class Whitener:
         """`excess` of each degree of freedom by itself: [W, nv] from whitened residuals [W, M]."""
         square, seen = (x.reshape(len(whitened), -1, nv).sum(1) for x in (whitened**2, self.seen))
         return square / np.maximum(seen, 1) / self.expected[:, None]
+
+
+def in_units(residual: Array, scale: Array) -> Array:
+    """Residuals [..., N, 2 nv] in units of `scale` [..., N, 2 nv], zero where nothing was measured: [..., M]."""
+    x = np.where(np.isfinite(residual), residual / scale, 0.0)
+    return x.reshape(*x.shape[:-2], x.shape[-2] * x.shape[-1])
 
 
 def column_scale(noise: Noise, model) -> Array:

@@ -171,7 +171,7 @@ def without_open_components(s: Search, f: Fitted) -> Fitted:
     missed: on a planar machine gravity may be tilted sideways by any angle, and to report one would say that it is
     known. Intervals stay as they are.
     """
-    ctx, theta, cov = s.sim.ctx, f.theta.copy(), f.cov.copy()
+    ctx, theta, cov = s.sim.ctx, f.theta, f.cov
     if not cov.size:
         return f
     for term, part in zip(f.hypothesis.terms, f.hypothesis.slices(ctx), strict=True):
@@ -187,9 +187,9 @@ def without_open_components(s: Search, f: Fitted) -> Fitted:
             theta, cov = theta + (nothing[least] - theta[least]) * beside, cov - np.outer(beside, cov[least])
             theta[least] = nothing[least]
             vector.remove(least)
-    fewer = replace(f, theta=theta)
     if np.array_equal(theta, f.theta):
         return f
+    fewer = replace(f, theta=theta)
     more, less = s.score([f, fewer], s.whiten(f))
     return f if missed(more, less) else fewer
 

@@ -9,7 +9,7 @@ import pytest
 from experiments.ablation import __main__ as command
 from experiments.ablation.compared import Effect, acted, cases_of, effect, place, public
 from experiments.ablation.one import ALL
-from experiments.ablation.table import verdict
+from experiments.ablation.table import GONE, verdict
 from experiments.atlas.machines import MACHINES, Machine
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
@@ -152,3 +152,7 @@ def test_a_public_machine_that_is_not_there(
     given = ["public", "--recordings", str(tmp_path), "--out", str(tmp_path / "out"), "--machine", key]
     assert command.main(given) == 2
     assert ("there is no machine 'nobody'" in (said := capsys.readouterr().err)) or "has no go2_legs" in said
+
+
+def test_what_the_page_tells_of_rules_stands_in_its_source():
+    assert Path("docs/ablation.md").read_text("utf-8").endswith(GONE)
