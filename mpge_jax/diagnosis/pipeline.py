@@ -105,7 +105,7 @@ def find(p: Prepared, plain: mujoco.MjModel, say: Progress, progress: Path | Non
         return judge_forces(p, force_balance.decide(p, say), say)
     p, drives = driven_as_found(p, plain)
     p = in_steps_as_seen(p)
-    late = {} if drives is None else drives.late(plain)
+    late = {} if drives is None else drives.late(plain, p.by_law)
     measurement = MeasurementModel.without_physics(p, late, measured_servos(p, plain))
     p = measurement.read()
     s = build_search(p, say, p.config.decide_s)

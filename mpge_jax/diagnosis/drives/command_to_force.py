@@ -103,15 +103,21 @@ class ActuatorSide:
                 out.append(f"Between command and measured force, {says}.")
         return out
 
-    def late(self, plain: mujoco.MjModel) -> dict[int, tuple[float, float]]:
-        """Actuators whose force was found to come late and is held between rows all the same, each with the delays
-        that its forces allow."""
+    def delay(self, a: int) -> float:
+        """Seconds by which an actuator was found to obey late."""
+        if a not in self.laws:
+            return 0.0
+        parts = self.laws[a].hypothesis.split(self.ctx, self.laws[a].theta)
+        return next((float(theta[0]) for t, theta in parts.items() if t.name == DELAY), 0.0)
+
+    def late(self, plain: mujoco.MjModel, by_law: Array | None = None) -> dict[int, tuple[float, float]]:
+        """Actuators that were found to obey late and whose force is held between rows all the same, or is their law's
+        (`by_law` [nu]), each with the delays that its forces allow."""
         out = {}
         for a, f in self.laws.items():
-            parts = f.hypothesis.split(self.ctx, f.theta)
-            delay = next((theta[0] for t, theta in parts.items() if t.name == DELAY), None)
-            if delay is not None and not is_servo(plain, a) and not any(t.name in MOVING for t in parts):
-                out[a] = row_of(float(delay), self.ctx.period)
+            held = not is_servo(plain, a) and not any(t.name in MOVING for t in f.hypothesis.terms)
+            if self.delay(a) and (held or (by_law is not None and by_law[a])):
+                out[a] = row_of(self.delay(a), self.ctx.period)
         return out
 
     def arrived(self, when: dict[int, Arrival]) -> ActuatorSide:

@@ -14,9 +14,11 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
-from mpge_jax.diagnosis.drives.command_to_force import LATE, MOVING, ActuatorSide
+from mpge_jax.diagnosis.drives.command_to_force import MOVING, ActuatorSide
 from mpge_jax.diagnosis.drives.drive_law import left_open, log_of, predict
 from mpge_jax.diagnosis.drives.drive_remainder import outside
+from mpge_jax.diagnosis.drives.law_fit import DELAY
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.machine.model import clipped, compile_variable
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
@@ -29,8 +31,8 @@ Array = np.ndarray
 
 
 def by_their_laws(p: Prepared, at_rows: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> Prepared:
-    """The machine whose servos do as was found of their laws, where that explains what was measured of them; but late
-    ones, of which forces at rows tell the delay to a row only.
+    """The machine whose servos do as was found of their laws, where that explains what was measured of them. Late ones
+    get their commands by a delay of which forces at rows tell the row only (`delay_within_a_row`).
 
     Such a servo acts on what the encoder of its joint reads: so its law was found to hold.
 
@@ -38,7 +40,7 @@ def by_their_laws(p: Prepared, at_rows: Prepared, plain: mujoco.MjModel, found: 
         at_rows: the same with the motion as it is at the rows. plain: the nominal model. found: what its drives lack.
     """
     unlike = {p.names.actuators.index(at) for entry in found.left for at in entry["at"]}
-    unlike |= {a for a, f in found.laws.items() if any(t.name in LATE | MOVING for t in f.hypothesis.terms)}
+    unlike |= {a for a, f in found.laws.items() if any(t.name in MOVING for t in f.hypothesis.terms)}
     by_law = np.zeros_like(p.measured)
     for a in map(int, np.flatnonzero(p.measured)):
         servo = is_servo(plain, a) and plain.actuator_gainprm[a, 0] != 0.0
@@ -51,11 +53,12 @@ def by_their_laws(p: Prepared, at_rows: Prepared, plain: mujoco.MjModel, found: 
             # what encoders read too much may take commands further than their limits, which `clipped` kept
             actuator.ctrllimited = 0
     model = compile_variable(spec)
+    acts_late = np.array([found.delay(a) for a in range(plain.nu)])
 
     def commanded(s: Source) -> Source:
         command = np.where(by_law, clipped(plain, s.recording.known("ctrl")), s.command)
         smooth, bend = (np.where(by_law, 0.0, x) for x in (s.smooth, s.bend))
-        late = np.where(by_law, plain.actuator_delay, 0.0 if s.late is None else s.late)
+        late = np.where(by_law, acts_late, 0.0 if s.late is None else s.late)
         return s.rebuilt(command=command, smooth=smooth, bend=bend, late=late)
 
     out = p.mapped(commanded)
@@ -63,7 +66,8 @@ def by_their_laws(p: Prepared, at_rows: Prepared, plain: mujoco.MjModel, found: 
     sim = Simulator(model, ctx, threads=p.config.jobs, on_readings=tuple(np.flatnonzero(by_law)))
     for a, f in found.laws.items():
         if by_law[a]:
-            sim = sim.beside(f.hypothesis, f.theta)
+            prompt = Hypothesis.of(*(t for t in f.hypothesis.terms if t.name != DELAY))
+            sim = sim.beside(prompt, f.of_terms(found.ctx, prompt).theta)
     return replace(out, model=sim.model, ctx=sim.ctx, sim=sim, by_law=by_law)
 
 

@@ -22,17 +22,19 @@ from mpge_jax.diagnosis.machine.model import compile_variable, has_plain_law
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import States, smoothed
-from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.driving.actuator_state import activations
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.driving.measured_drives import plain_force
 from mpge_jax.diagnosis.simulation.guided import led
-from mpge_jax.diagnosis.simulation.windows import Windows
+from mpge_jax.diagnosis.simulation.windows import HISTORY, Windows
 from mpge_jax.diagnosis.thresholds import BEYOND_NOISE, BY_CHANCE, DOUBT, LOUD, SEVERAL
 
 Array = np.ndarray
 SEGMENT, ROWS, ALL = 0.8, 14, 1_000_000
 """Seconds and rows of a segment, at least; and rows that none has."""
+SEGMENTS = 16
+"""Segments, at most."""
 WITHIN = 0.45
 """Share of a segment that a window cut from it has at most."""
 
@@ -85,9 +87,7 @@ class Left:
     typical: Array
 
 
-def floor(
-    prepared: Prepared, f: Fitted, length: float, shaken: Array | None = None, limit: int = 16
-) -> Floor:
+def floor(prepared: Prepared, f: Fitted, length: float, shaken: Array | None = None) -> Floor:
     """The floor of windows of a length (s) when `f` is the truth, with the same noise (of measured forces too) and
     commands.
 
@@ -102,15 +102,15 @@ def floor(
     """
     shaken = force_noise(prepared) if shaken is None else shaken
     truths = (False, True) if prepared.ctx.contacts else (False,)
-    return max((_floor(prepared, f, length, shaken, limit, finer) for finer in truths), key=lambda x: x.loss)
+    return max((_floor(prepared, f, length, shaken, finer) for finer in truths), key=lambda x: x.loss)
 
 
-def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: int, finer: bool) -> Floor:
+def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, finer: bool) -> Floor:
     sim, rng = prepared.sim, np.random.default_rng([prepared.config.seed, 77])
     # of all their rows: commands averaged over several would count as noise
     segment = max(SEGMENT, length / WITHIN, (ROWS + 2) * prepared.ctx.period)
     prepared = prepared.mapped(lambda s: replace(s, states=s.otherwise[-1]) if s.otherwise else s)
-    w = prepared.windows("train", duration=segment, limit=limit, seed=5, samples=ALL)
+    recalled, w = _segments(prepared, f, segment)
     if not w.count or w.times.shape[1] < ROWS:
         return Floor()
     # the first row of a segment is that after the window's start
@@ -120,10 +120,10 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
     along = {k: activations(sim.model, w.sources[k]) for k in set(w.source.tolist())}
     filled = [along[k][row] for k, row in zip(w.source, rows, strict=True)]
     simulated = zip(_simulated(prepared, f, w, rows, shaken, rng, finer), filled, w.source, rows, strict=True)
-    kept = [x for x in simulated if x[0].time.size >= ROWS]
+    kept = [x for x in simulated if (x[0].time > recalled).sum() >= ROWS]
     if not kept:
         return Floor()
-    segments = [x[0] for x in kept]
+    segments = [replace(x[0], before=recalled) for x in kept]
     noise = prepared.noise
     if noise.direct:
         states = states_as_measured(segments, sim.model, noise)
@@ -131,11 +131,12 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
         jumps = [w.sources[k].states.jumps_in(slice(row, row + r.time.size)) for r, _, k, row in kept]
         states = smoothed(segments, sim.model, noise, jumps)
     sources = tuple(
-        _again(r, s, act, w.sources[k], row) for (r, act, k, row), s in zip(kept, states, strict=True)
+        _again(r, s, act, w.sources[k], row)
+        for r, (_, act, k, row), s in zip(segments, kept, states, strict=True)
     )
     if sim.guided:
         sources = tuple(led(s, sim.model, noise, sim.guided, rng) for s in sources)
-    cuts = cut(sources, sim.model, noise, length, 2 * limit, prepared.dt, rng)
+    cuts = cut(sources, sim.model, noise, length, 2 * SEGMENTS, prepared.dt, rng)
     if not cuts.count:
         return Floor()
     white = whitener_beside(sim, f.hypothesis, f.theta, cuts, noise, temper=False)
@@ -155,6 +156,21 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, limit: i
         robust_loss(white.by_dof(flat, sim.model.nv)),
     )
     return Floor(float(loss.mean()), error, ratio, missed, loss, each.mean(0))
+
+
+def _segments(prepared: Prepared, f: Fitted, seconds: float) -> tuple[float, Windows]:
+    """Stretches of training recordings, and the seconds at their beginning that no window shows: what was recorded
+    before a window may tell how it begins, and then the floor's windows have it too, where recordings are long enough.
+    """
+    sim = prepared.sim
+    known, fixed = sim.always
+    parts = known.split(sim.ctx, fixed) | f.hypothesis.split(sim.ctx, f.theta)
+    recalled = HISTORY * any(
+        t.effect.rugged or t.effect.commands or t.effect.remembers(sim.ctx, t.place, theta[None]).any()
+        for t, theta in parts.items()
+    )
+    w = prepared.windows("train", duration=recalled + seconds, limit=SEGMENTS, seed=5, samples=ALL)
+    return float(np.clip(w.dt * w.steps - seconds, 0.0, recalled)), w
 
 
 def force_noise(prepared: Prepared) -> Array:

@@ -41,22 +41,24 @@ def row_of(delay: float, period: float) -> tuple[float, float]:
     return rows * period, (rows + 1) * period
 
 
-def arriving(source: Source, delays: dict[int, float]) -> Source:
+def arriving(source: Source, delays: dict[int, float], by_law: Array | None = None) -> Source:
     """The same where commands reach their drives so late (actuator -> s): the force that each of them makes is the one
-    measured at the first row after its arrival."""
+    measured at the first row after its arrival, or what the drive's law makes of it (`by_law` [nu])."""
     command, t = source.command.copy(), source.recording.time
     late = np.zeros(command.shape[1]) if source.late is None else np.array(source.late, dtype=float)
     for a, delay in delays.items():
-        # what arrives with a row is in its force already
-        first = np.searchsorted(t, t + delay - 1e-9)
-        command[:, a], late[a] = source.command[np.minimum(first, t.size - 1), a], delay
+        late[a] = delay
+        if by_law is None or not by_law[a]:
+            # what arrives with a row is in its force already
+            first = np.searchsorted(t, t + delay - 1e-9)
+            command[:, a] = source.command[np.minimum(first, t.size - 1), a]
     return source.rebuilt(command=command, late=late)
 
 
 def with_arrivals(p: Prepared, when: dict[int, Arrival]) -> Prepared:
     """The same machine with forces that begin between rows."""
     delays = {a: x.delay for a, x in when.items()}
-    return p.mapped(lambda s: arriving(s, delays))
+    return p.mapped(lambda s: arriving(s, delays, p.by_law))
 
 
 def moved(old: dict[int, Arrival], new: dict[int, Arrival]) -> bool:
@@ -86,7 +88,7 @@ def arrivals(p: Prepared, f: Fitted, rows: dict[int, tuple[float, float]]) -> di
     def left_at(delays: Array, thetas: list[Array]) -> Array:
         at = dict(zip(rows, delays, strict=True))
         runs = [Run(f.hypothesis, theta) for theta in thetas]
-        return white(p.sim.residuals(runs, w.driven_by(tuple(arriving(s, at) for s in w.sources))))
+        return white(p.sim.residuals(runs, w.driven_by(tuple(arriving(s, at, p.by_law) for s in w.sources))))
 
     # what was fitted to other delays may move with them
     steps = np.diag(Problem(f, f.hypothesis.params(p.ctx)).steps())

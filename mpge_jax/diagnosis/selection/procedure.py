@@ -94,20 +94,12 @@ def look(p: Prepared, s: Search) -> Look:
     return Look(f, noise, left, whites, last)
 
 
-def decide(p: Prepared, s: Search, say: Callable[[str], None], looked: Look | None = None) -> Decision:
-    """Search, weigh alternatives, go on in longer windows where that finds nothing or leaves something, keep what
-    recordings that chose nothing of the fit are predicted better with, and refine that on all that may be looked at.
-
-    Args:
-        looked: what the search found, if it is done.
+def decide(p: Prepared, s: Search, say: Callable[[str], None], looked: Look) -> Decision:
+    """Weigh alternatives to what a search found, go on in longer windows where that is nothing or leaves something, keep
+    what recordings that chose nothing of the fit are predicted better with, and refine that on all that may be looked at.
     """
-    c = p.config
-    looked = look(p, s) if looked is None else looked
-    f, rivals = _weighed(s, looked.fit, looked.whites, looked.last)
-    noise, left = looked.noise, looked.left
-    if noise is None or f is not looked.fit:
-        noise, left = what_is_left(p, f, s)
-    longest, length = s, c.report_s
+    found = _with_alternatives(p, s, looked)
+    f, rivals, left, longest, length = found.fit, found.rivals, found.left, s, p.config.report_s
     if left is None and f.hypothesis.terms:
         left, length = _left_of_longer_windows(p, s, f, say)
     if left is not None or not f.hypothesis.terms:
@@ -116,8 +108,24 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None], looked: Look | No
         if f is not reached or left is None:
             # what is too slight to show in the shorter windows, and what nobody can name, may show in these
             noise, left = what_is_left(p, f, s, longest)
-    found, _ = _kept(p, s, Decision(f, rivals, noise, left, longest), "choice")
+            found = Decision(f, rivals, noise, left, longest)
+    found, _ = _kept(p, s, replace(found, left=left, search=longest), "choice")
     return _refined(p, s, found)
+
+
+def decide_roughly(p: Prepared, s: Search, looked: Look) -> Decision:
+    """As `decide`, with nothing looked for in longer windows: what is slight says little beside what nobody can name."""
+    found, _ = _kept(p, s, _with_alternatives(p, s, looked), "choice")
+    return _refined(p, s, found)
+
+
+def _with_alternatives(p: Prepared, s: Search, looked: Look) -> Decision:
+    """What a search found, after alternatives to it are weighed."""
+    f, rivals = _weighed(s, looked.fit, looked.whites, looked.last)
+    noise, left = looked.noise, looked.left
+    if noise is None or f is not looked.fit:
+        noise, left = what_is_left(p, f, s)
+    return Decision(f, rivals, noise, left, s)
 
 
 def _refined(p: Prepared, s: Search, found: Decision) -> Decision:

@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.residual.model import Function, with_functions
 from mpge_jax.diagnosis.residual.motion import functions_of_motion
 from mpge_jax.diagnosis.selection.confirmation import predicts_better
-from mpge_jax.diagnosis.selection.procedure import Decision, decide, look, tested, what_is_left
+from mpge_jax.diagnosis.selection.procedure import Decision, decide, decide_roughly, look, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, REMAINS
@@ -137,7 +137,7 @@ def _found_beside(
         if not again:
             break
         known, functions = looked.fit, again
-    found, _ = tested(with_it, search, decide(with_it, search, say, looked))
+    found, _ = tested(with_it, search, decide_roughly(with_it, search, looked))
     s.log += search.log
     return _Beside(found, with_functions(p.ctx, found.fit, functions), much_is_left(with_it, search, found))
 

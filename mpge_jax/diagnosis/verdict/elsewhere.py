@@ -23,7 +23,7 @@ from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.machine.constraints import coupled
 from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.selection.confirmation import refitted
-from mpge_jax.diagnosis.selection.procedure import Decision, Found, decide, look, tested, what_is_left
+from mpge_jax.diagnosis.selection.procedure import Decision, Found, decide_roughly, look, tested, what_is_left
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.verdict.part_of_unknown import joints_at, slightly_left
@@ -88,7 +88,7 @@ def _unless_much_is_left(machine: Prepared, s: Search, say: Callable[[str], None
     looked = look(machine, s)
     if much_is_left(machine, s, looked):
         return None
-    found, _ = tested(machine, s, decide(machine, s, say, looked))
+    found, _ = tested(machine, s, decide_roughly(machine, s, looked))
     return None if much_is_left(machine, s, found) else found
 
 

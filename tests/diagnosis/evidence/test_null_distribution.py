@@ -6,10 +6,11 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis import Config, diagnose
+from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, Left, floor
-from tests.diagnosis.machines import FINE_PENDULUM, FLYER, record
-from tests.diagnosis.searches import prepared_of
+from tests.diagnosis.machines import FINE_PENDULUM, FLYER, PENDULUM, record
+from tests.diagnosis.searches import HINGE, fitted, prepared_of
 
 
 def test_more_is_left_by_the_mean_or_in_several_windows_far_beyond():
@@ -47,6 +48,18 @@ def test_the_floor_is_what_a_true_model_leaves():
 def test_floor_is_lower_than_that_of_independent_errors(null):
     _, p = null
     assert floor(p, NOTHING, p.config.decide_s).ratio < 1.0
+
+
+def test_the_floor_knows_what_went_before_its_windows():
+    """A motor behind a soft spring swings on for half a second: how a window begins, the motion before it tells."""
+    xml = PENDULUM.replace('armature="0.004"', 'armature="0.02"')
+    losses = []
+    # short recordings have nothing before their windows
+    for seconds in (4.0, 1.2):
+        p = prepared_of(xml, record(xml, 1.0, seconds=seconds))
+        f = fitted(p, {Term("joint_flexibility", HINGE): [12.0, 0.3]})
+        losses.append(floor(p, f, p.config.decide_s).loss)
+    assert 0.7 < losses[0] < 2.0 and losses[1] > 5.0
 
 
 def test_what_is_left_on_a_free_body_does_not_raise_the_floor():

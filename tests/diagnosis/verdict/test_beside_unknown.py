@@ -42,7 +42,7 @@ def asked(rubbing, monkeypatch):
     assert left is not None
     searched, told = [], []
 
-    def decide(machine, search, _say, _looked):
+    def decide_roughly(machine, search, _looked):
         searched.append((machine, search))
         return Decision(searched_for, {}, Floor(), None, search)
 
@@ -53,7 +53,7 @@ def asked(rubbing, monkeypatch):
         monkeypatch.setattr(module, "functions_of_motion", lambda *args: beside(functions, *args))
         monkeypatch.setattr(module, "predicts_better", lambda *_: bool(better))
         monkeypatch.setattr(module, "_far_better", lambda *_: next(answers, False))
-        monkeypatch.setattr(module, "decide", decide)
+        monkeypatch.setattr(module, "decide_roughly", decide_roughly)
         monkeypatch.setattr(module, "tested", lambda _p, _s, decision: (decision, None))
         looks = chain(looked, repeat(found))
         monkeypatch.setattr(module, "look", lambda _p, _s: SimpleNamespace(fit=next(looks), left="something"))

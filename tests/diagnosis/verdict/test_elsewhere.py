@@ -77,13 +77,13 @@ def _answers(monkeypatch, *left: tuple[bool, bool]) -> list[tuple[int, bool]]:
         search.leaves = after
         return Look(NOTHING, Floor(), object() if before else None, (), [])
 
-    def decide(machine, search, _say, looked):
+    def decide_roughly(machine, search, looked):
         assert looked.left is None
         asked[-1] = (*machine.sim.guided, True)
         return Decision(NOTHING, {}, Floor(), object() if search.leaves else None, search)
 
     monkeypatch.setattr(module, "look", look)
-    monkeypatch.setattr(module, "decide", decide)
+    monkeypatch.setattr(module, "decide_roughly", decide_roughly)
     monkeypatch.setattr(module, "tested", lambda _machine, _search, found: (found, None))
     return asked
 
@@ -155,7 +155,7 @@ def test_joints_of_other_trees_move_as_recorded_too_and_what_was_found_there_sta
         return Look(rubs, Floor(), None, (), [])
 
     monkeypatch.setattr(module, "look", look)
-    monkeypatch.setattr(module, "decide", lambda _p, s, _say, _looked: Decision(rubs, {}, Floor(), None, s))
+    monkeypatch.setattr(module, "decide_roughly", lambda _p, s, _looked: Decision(rubs, {}, Floor(), None, s))
     monkeypatch.setattr(module, "tested", lambda _p, _s, decision: (decision, None))
     monkeypatch.setattr(module, "_tells_more", lambda _s, new, old: old.hypothesis.terms == (LOAD,))
     answer = elsewhere(p, s, Decision(found, {}, Floor(), None, s), ["swing", "shoulder"], QUIET)

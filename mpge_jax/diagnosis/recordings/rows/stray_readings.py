@@ -31,7 +31,7 @@ FEWEST_ROWS = 12
 def without_stray_readings(r: Recording, model: mujoco.MjModel, names: Names) -> Recording:
     """The recording with stray positions replaced by what their neighbours say, and a warning."""
     turning = {c for first, end in quaternion_columns(model) for c in range(first, end)}
-    qpos, notes = r.qpos.copy(), []
+    qpos, found = r.qpos.copy(), []
     for column in (c for c in range(model.nq) if c not in turning):
         stray = stray_rows(r.time, qpos[:, column])
         if stray.any():
@@ -40,11 +40,14 @@ def without_stray_readings(r: Recording, model: mujoco.MjModel, names: Names) ->
             refined = _expected(r.time, qpos[:, column])
             qpos[stray, column] = np.where(np.isfinite(refined), refined, qpos[:, column])[stray]
             joint = names.joints[int(np.flatnonzero(model.jnt_qposadr <= column)[-1])]
-            notes.append(
-                f"{r.name}: {int(stray.sum())} of {stray.size} positions of joint {joint} jump away and back "
-                "within a row, which no motion does; they are taken from their neighbours."
-            )
-    return replace(r, qpos=qpos, warnings=(*r.warnings, *notes)) if notes else r
+            found.append(f"{int(stray.sum())} of joint {joint}")
+    if not found:
+        return r
+    note = (
+        f"{r.name}: positions that jump away and back within a row, which no motion does, are taken from their "
+        f"neighbours: {', '.join(found)} (of {r.time.size} rows)."
+    )
+    return replace(r, qpos=qpos, warnings=(*r.warnings, note))
 
 
 def stray_rows(time: Array, value: Array) -> Array:
