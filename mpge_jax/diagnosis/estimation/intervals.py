@@ -12,6 +12,9 @@ from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 
 
+Array = np.ndarray
+
+
 def number(x: float) -> float | None:
     """A float for JSON (no NaN, no infinity), at a sensible length."""
     return float(f"{float(x):.6g}") if np.isfinite(x) else None
@@ -36,39 +39,34 @@ def inertia_factors(ctx: Context, f: Fitted) -> list[dict[str, Any]] | None:
 
 
 def parameters(ctx: Context, f: Fitted, term: Term) -> dict[str, Any]:
-    """Reported parameters of one term with 95 % intervals."""
+    """Reported parameters of one term with 95 % intervals: what follows from a single fitted parameter lies between what
+    the ends of that one's interval say, what follows from several is linear in them."""
     effect, place = term.effect, term.place
     part = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(term)]
-    theta = f.theta[part]
-    value = effect.report(ctx, place, theta)
-    spread = {k: np.zeros_like(np.asarray(v, dtype=float)) for k, v in value.items()}
-    if f.cov.size and theta.size:
-        deviation = np.sqrt(np.maximum(np.diag(f.cov[part, part]), 0.0))
-        for i in range(theta.size):
-            h = 1e-4 * (abs(theta[i]) + deviation[i]) + 1e-12
-            moved = theta.copy()
-            moved[i] += h
-            for j in range(theta.size):
-                other = theta.copy()
-                hj = 1e-4 * (abs(theta[j]) + deviation[j]) + 1e-12
-                other[j] += hj
-                ci = f.cov[part, part][i, j]
-                a, b = effect.report(ctx, place, moved), effect.report(ctx, place, other)
-                for k in value:
-                    gi = (np.asarray(a[k]) - np.asarray(value[k])) / h
-                    gj = (np.asarray(b[k]) - np.asarray(value[k])) / hj
-                    spread[k] = spread[k] + gi * gj * ci
-    units = effect.units(ctx, place)
-    # of what is reported as it is fitted, not of what is told in its place
-    fitted = zip(effect.params(ctx, place), theta, strict=True)
-    limits = {p.name: (p.low, p.high) for p, x in fitted if np.array_equal(value.get(p.name, np.nan), x)}
-    out = {}
+    theta, value = f.theta[part], effect.report(ctx, place, f.theta[part])
+    cov = f.cov[part, part] if f.cov.size else np.zeros((theta.size, theta.size))
+    deviation = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    params = effect.params(ctx, place)
+
+    def told(i: int, x: float) -> dict[str, Array]:
+        return effect.report(ctx, place, np.where(np.arange(theta.size) == i, x, theta))
+
+    steps = 1e-4 * (np.abs(theta) + deviation) + 1e-12
+    near = [told(i, theta[i] + h) for i, h in enumerate(steps)]
+    reach = WITHIN * deviation
+    ends = [
+        [told(i, x) for x in np.clip([theta[i] - reach[i], theta[i] + reach[i]], p.low, p.high)]
+        for i, p in enumerate(params)
+    ]
+    units, out = effect.units(ctx, place), {}
     for k, v in value.items():
-        half = WITHIN * np.sqrt(np.maximum(spread[k], 0.0))
-        out[k] = {
-            "value": plain(v),
-            "low": plain(np.maximum(np.asarray(v) - half, limits.get(k, (-np.inf, np.inf))[0])),
-            "high": plain(np.minimum(np.asarray(v) + half, limits.get(k, (-np.inf, np.inf))[1])),
-            "unit": units.get(k, "1"),
-        }
+        v = np.asarray(v, dtype=float)
+        slopes = np.stack([(np.asarray(x[k]) - v) / h for x, h in zip(near, steps, strict=True)] or [0.0 * v], -1)
+        half = WITHIN * np.sqrt(np.maximum((slopes @ cov * slopes).sum(-1) if theta.size else 0.0 * v, 0.0))
+        low, high = v - half, v + half
+        by = np.flatnonzero(slopes.reshape(-1, slopes.shape[-1]).any(0))
+        if by.size == 1 and v.ndim == 0:
+            first, last = (float(np.asarray(x[k])) for x in ends[by[0]])
+            low, high = min(first, last, float(v)), max(first, last, float(v))
+        out[k] = {"value": plain(v), "low": plain(low), "high": plain(high), "unit": units.get(k, "1")}
     return out
