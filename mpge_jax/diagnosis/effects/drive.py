@@ -172,20 +172,18 @@ class JointFlexibility(Drive):
         angle, speed = memory
         motors = _Motors(xp, ctx, place, s)
         h = s.dt / SUBSTEPS
-        impulse = 0.0
-        for i in range(SUBSTEPS):
-            slip = speed - v
+        harder, mass = stiffness * h, inertia + h * (damping + damped) + h * h * stiffness
+        impulse, slip, link = 0.0, speed - v, q
+        for _ in range(SUBSTEPS):
             torque, hold, brake = motors.torque(xp, angle - q, slip)
-            passed = stiffness * (angle - (q + v * (i * h))) + damping * slip
+            passed = stiffness * (angle - link) + damping * slip
             # linearly implicit in the motor's speed
-            accel = (torque - passed - damped * speed - stiffness * h * slip - hold * h * speed) / (
-                inertia + h * (damping + brake + damped) + h * h * (stiffness + hold)
-            )
-            speed_next = speed + h * accel
-            transmitted = passed + stiffness * h * (speed_next - v) + damping * (speed_next - speed)
-            angle = angle + h * speed_next
-            speed = speed_next
-            impulse = impulse + transmitted / SUBSTEPS
+            free = torque - passed - harder * slip - (damped + hold * h) * speed
+            gain = h * free / (mass + h * (brake + h * hold))
+            speed, slip = speed + gain, slip + gain
+            impulse = impulse + passed + harder * slip + damping * gain
+            angle, link = angle + h * speed, link + h * v
+        impulse = impulse / SUBSTEPS
         return Forces(joint=impulse - motors.direct), (angle, speed)
 
     def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array, hold: Array) -> Array:
