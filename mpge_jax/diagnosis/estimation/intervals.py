@@ -11,7 +11,6 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 
-
 Array = np.ndarray
 
 
@@ -39,8 +38,8 @@ def inertia_factors(ctx: Context, f: Fitted) -> list[dict[str, Any]] | None:
 
 
 def parameters(ctx: Context, f: Fitted, term: Term) -> dict[str, Any]:
-    """Reported parameters of one term with 95 % intervals: what follows from a single fitted parameter lies between what
-    the ends of that one's interval say, what follows from several is linear in them."""
+    """Reported parameters of one term with 95 % intervals: what follows from one fitted parameter lies between what the
+    ends of its interval say, what follows from several is linear in them."""
     effect, place = term.effect, term.place
     part = f.hypothesis.slices(ctx)[f.hypothesis.terms.index(term)]
     theta, value = f.theta[part], effect.report(ctx, place, f.theta[part])
@@ -61,7 +60,9 @@ def parameters(ctx: Context, f: Fitted, term: Term) -> dict[str, Any]:
     units, out = effect.units(ctx, place), {}
     for k, v in value.items():
         v = np.asarray(v, dtype=float)
-        slopes = np.stack([(np.asarray(x[k]) - v) / h for x, h in zip(near, steps, strict=True)] or [0.0 * v], -1)
+        slopes = np.stack(
+            [(np.asarray(x[k]) - v) / h for x, h in zip(near, steps, strict=True)] or [0.0 * v], -1
+        )
         half = WITHIN * np.sqrt(np.maximum((slopes @ cov * slopes).sum(-1) if theta.size else 0.0 * v, 0.0))
         low, high = v - half, v + half
         by = np.flatnonzero(slopes.reshape(-1, slopes.shape[-1]).any(0))

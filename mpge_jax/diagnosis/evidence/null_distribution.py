@@ -22,7 +22,7 @@ from mpge_jax.diagnosis.machine.model import compile_variable, has_plain_law
 from mpge_jax.diagnosis.recordings.noise_level import column_noise
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import States, smoothed
-from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.driving.actuator_state import activations
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.driving.measured_drives import plain_force

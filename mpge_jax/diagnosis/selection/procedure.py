@@ -95,9 +95,9 @@ def look(p: Prepared, s: Search) -> Look:
 
 
 def decide(p: Prepared, s: Search, say: Callable[[str], None], looked: Look) -> Decision:
-    """Weigh alternatives to what a search found, go on in longer windows where that is nothing or leaves something, keep
-    what recordings that chose nothing of the fit are predicted better with, and refine that on all that may be looked at.
-    """
+    """Weigh alternatives to what a search found, go on in longer windows where that is nothing or leaves something,
+    keep what recordings that chose nothing of the fit are predicted better with, and refine that on all that may be
+    looked at."""
     found = _with_alternatives(p, s, looked)
     f, rivals, left, longest, length = found.fit, found.rivals, found.left, s, p.config.report_s
     if left is None and f.hypothesis.terms:
@@ -114,7 +114,7 @@ def decide(p: Prepared, s: Search, say: Callable[[str], None], looked: Look) -> 
 
 
 def decide_roughly(p: Prepared, s: Search, looked: Look) -> Decision:
-    """As `decide`, with nothing looked for in longer windows: what is slight says little beside what nobody can name."""
+    """As `decide`, but longer windows are not searched: beside what nobody can name, what is slight says little."""
     found, _ = _kept(p, s, _with_alternatives(p, s, looked), "choice")
     return _refined(p, s, found)
 

@@ -18,7 +18,14 @@ from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.residual.model import Function, with_functions
 from mpge_jax.diagnosis.residual.motion import functions_of_motion
 from mpge_jax.diagnosis.selection.confirmation import predicts_better
-from mpge_jax.diagnosis.selection.procedure import Decision, decide, decide_roughly, look, tested, what_is_left
+from mpge_jax.diagnosis.selection.procedure import (
+    Decision,
+    decide,
+    decide_roughly,
+    look,
+    tested,
+    what_is_left,
+)
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, REMAINS
