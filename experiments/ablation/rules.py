@@ -359,7 +359,7 @@ WORK = {
     "selection.search_state": ("MANY", "WORK"),
     "selection.setup": ("POOL", "FEWEST_ROWS"),
     "evidence.folds": ("FOLDS", "RECORDINGS"),
-    "evidence.null_distribution": ("SEGMENT", "ROWS", "ALL", "WITHIN"),
+    "evidence.null_distribution": ("SEGMENT", "ROWS", "ALL", "SEGMENTS", "WITHIN"),
     "evidence.same_in_principle": ("PARALLEL",),
 }
 """Numbers that stand in the rooms that decide and decide nothing: how much is tried or shown (candidates, windows,

@@ -155,7 +155,8 @@ def test_what_is_left_is_judged_in_all_windows_that_were_looked_at(monkeypatch, 
     monkeypatch.setattr(procedure, "confirmed", lambda p, s, f, part: (f, None, []))
     s = bench.build(None, None, 0.25)
     s.resume = Reached()
-    found = procedure.decide(SimpleNamespace(config=Config()), s, lambda text: None)
+    p = SimpleNamespace(config=Config())
+    found = procedure.decide(p, s, lambda text: None, procedure.look(p, s))
     assert found.left == (min(shows) if shows else None)
     assert found.search.length == 0.5
     assert floors == judged and set(judged) == ({0.25} if 0.25 in shows else {0.25, 0.5})
