@@ -26,7 +26,7 @@ from mpge_jax.diagnosis.effects.context import (
     default_places,
 )
 from mpge_jax.diagnosis.effects.native import SpecFields, has_form
-from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
+from mpge_jax.diagnosis.effects.step import Array, Fields, Follower, Forces, Step
 
 
 class Effect:
@@ -114,6 +114,10 @@ class Effect:
         """Seconds [n] of recorded motion of its joint through which the memory is followed to the start of a stretch,
         for theta [n, p]; 0 where `memory` knows it from the start's state."""
         return np.zeros(len(theta))
+
+    def follower(self, ctx: Context, place: Place, theta: np.ndarray, dt: float) -> Follower:
+        """What follows the memory through a step of `dt` s of recorded motion, for theta [n, p]."""
+        return lambda s, _then, memory: self.force(np, ctx, place, theta, s, memory)[1]
 
     def resumed(
         self,

@@ -98,3 +98,8 @@ class Fields:
 
     def scale(self, name: str, index: Any, factor: Array) -> None:
         self.set(name, index, self.get(name, index) * factor)
+
+
+Follower = Callable[[Step, tuple[Array, Array], Any], Any]
+"""What an effect's memory is after a step of recorded motion: given what equations read where it begins, the position
+[n] and speed [n] of the effect's joint where it ends, and the memory before."""

@@ -49,6 +49,7 @@ class Floor:
             are not: the state was smoothed from the same measurements), at most 1.
         missed: root-mean-square error of all windows relative to that, where impacts weigh.
         by_dof: [nv] mean loss of each degree of freedom by itself (empty: one for each).
+        past: seconds, at least, that were recorded before each of these windows, where that tells how they begin.
     """
 
     loss: float = 1.0
@@ -57,6 +58,7 @@ class Floor:
     missed: float = 1.0
     losses: Array = field(default_factory=lambda: np.array([BY_CHANCE]))
     by_dof: Array = field(default_factory=lambda: np.zeros(0))
+    past: float = 0.0
 
     def loud(self, by_dof: Array) -> Array:
         """At which degrees of freedom mean losses [nv] are far more than that."""
@@ -75,16 +77,21 @@ class Floor:
 
     def beyond(self, left: Left) -> bool:
         """Whether more is left than that."""
-        return self.exceeded(left.losses[left.typical]) or self.far(left.losses)
+        return self.exceeded(left.losses[left.typical & left.told]) or self.far(left.losses[left.told])
 
 
 @dataclass(frozen=True)
 class Left:
-    """What a hypothesis leaves: losses of all windows [W], and which of them were drawn at random [W] (the others were
-    chosen because the nominal model misses most there)."""
+    """What a hypothesis leaves.
+
+    Attributes:
+        losses: [W] of all windows. typical: [W] which of them were drawn at random (the others were chosen because the
+            nominal model misses most there). told: [W] of which the recording tells how they begin.
+    """
 
     losses: Array
     typical: Array
+    told: Array
 
 
 def floor(prepared: Prepared, f: Fitted, length: float, shaken: Array | None = None) -> Floor:
@@ -155,7 +162,7 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, finer: b
         float(loss.std() / np.sqrt(max(loss.size, 1))),
         robust_loss(white.by_dof(flat, sim.model.nv)),
     )
-    return Floor(float(loss.mean()), error, ratio, missed, loss, each.mean(0))
+    return Floor(float(loss.mean()), error, ratio, missed, loss, each.mean(0), recalled)
 
 
 def _segments(prepared: Prepared, f: Fitted, seconds: float) -> tuple[float, Windows]:

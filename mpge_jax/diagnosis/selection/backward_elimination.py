@@ -8,7 +8,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.candidates import compatible
-from mpge_jax.diagnosis.effects.drive import Drive
+from mpge_jax.diagnosis.effects.drive.motors import Drive
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.covariance import WITHIN, widened
 from mpge_jax.diagnosis.estimation.estimate import Fitted

@@ -37,7 +37,7 @@ def remainder(s: Search, f: Fitted, noise: Floor, thorough: bool = True) -> Rema
     Args:
         thorough: look for the starts of the worst windows from elsewhere too.
     """
-    found = leaves(s, f)
+    found = leaves(s, f, noise.past)
     rugged = s.sim.rugged(f.hypothesis)
     ordinary, work = ELSEWHERE_FROM * max(usual_excess(noise.loss), 1.0), s.sim.work
     for elsewhere in (False, True) if thorough else (False,):
@@ -47,20 +47,21 @@ def remainder(s: Search, f: Fitted, noise: Floor, thorough: bool = True) -> Rema
         moved = [settled(s.sim, f, w, s.noise, ordinary, elsewhere, s.seed) for w in windows]
         if all(new is old for new, old in zip(moved, windows, strict=True)):
             break
-        found = leaves(replace(s, train=moved[0], held=moved[1]), f)
+        found = leaves(replace(s, train=moved[0], held=moved[1]), f, noise.past)
     # by its work so far a search decides how widely it looks for effects, and this was none of it
     s.sim.work = work
     return found if noise.beyond(found.left) else None
 
 
-def leaves(s: Search, f: Fitted) -> Remainder:
-    """What `f` leaves, noise included."""
+def leaves(s: Search, f: Fitted, past: float = 0.0) -> Remainder:
+    """What `f` leaves, noise included. Windows with less than `past` s before them do not count, if others do."""
     whites, losses = s.whiten(f, temper=False), []
     for w, white in zip((s.train, s.held), whites, strict=True):
         flat = white(s.sim.residuals([Run(f.hypothesis, f.theta)], w))[0]
         losses.append(robust_loss(white.excess(flat)))
     typical = np.ones(s.train.count + s.held.count, bool)
     typical[s.typical : s.train.count] = s.typical is None
-    left = Left(np.concatenate(losses), typical)
-    s.log.append(f"left by {f.hypothesis}: loss {left.losses[typical].mean():.3f}")
+    told = np.concatenate([w.past for w in (s.train, s.held)]) > past - 1e-9
+    left = Left(np.concatenate(losses), typical, told if (told & typical).any() else np.ones_like(typical))
+    s.log.append(f"left by {f.hypothesis}: loss {left.losses[typical & left.told].mean():.3f}")
     return Remainder(f, s, left, whites)

@@ -28,6 +28,9 @@ Array = np.ndarray
 
 DIVERGED = 1e5
 """Speed (rad/s or m/s) from which a simulation is given up."""
+STEPS_BEFORE = 800
+"""Steps, about, in which at most all that went before a window is followed: none finer than a millisecond, as an error
+there fades until the window begins."""
 
 
 @dataclass
@@ -92,8 +95,12 @@ class Runtime:
     def _step(self) -> Step:
         return self._observe(self.qpos, self.qvel, self.ctrl)
 
-    def _observe(self, q: Array, v: Array, u: Array | None, rows: Array | None = None) -> Step:
-        """What the equations may read of some simulations (all, by default) in states q, v under commands u."""
+    def _observe(
+        self, q: Array, v: Array, u: Array | None, rows: Array | None = None, dt: float | None = None
+    ) -> Step:
+        """What the equations may read of some simulations (all, by default) in states q, v under commands u, for a step
+        of `dt` s (the engine's, by default)."""
+        dt = self.dt if dt is None else dt
 
         def of(x: Array) -> Array:
             return x if rows is None or len(x) == 1 else x[rows]
@@ -110,7 +117,7 @@ class Runtime:
         if u is None:
             none = np.zeros((q.shape[0], 0))
             undriven = (none,) * 7
-            return Step(q, v, *undriven, velocity, self.dt, external, None, inertia)
+            return Step(q, v, *undriven, velocity, dt, external, None, inertia)
         length, speed = self.gear * q[:, self.qadr], self.gear * v[:, self.dadr]
         gain, bias = of(self.gain), of(self.bias)
         low, high, stiffness, damping = map(of, (self.low, self.high, self.stiffness, self.damping))
@@ -123,9 +130,7 @@ class Runtime:
             last = of(self.last_force)
             free, f = np.where(self.formula, free, last), np.where(self.formula, f, last)
             engine = None if engine is None else np.where(self.formula, engine, last)
-        return Step(
-            q, v, u, f, free, low, high, stiffness, damping, velocity, self.dt, external, engine, inertia
-        )
+        return Step(q, v, u, f, free, low, high, stiffness, damping, velocity, dt, external, engine, inertia)
 
     def _external(self, dof: int) -> Array:
         """Torque of gravity and of the other links' motion on a joint, one substep behind."""
@@ -202,11 +207,26 @@ class Runtime:
             if other.term.place.kind == "actuator"
         ]
         q, v, memory, followed = now.q.copy(), now.v.copy(), g.memory, np.zeros(window.size, bool)
-        for k in range(count):
-            at = np.maximum(k, count - np.maximum(steps, 1))
-            q[:, qadr] = past_q[each, at, qadr] + aside - moved_v * ago[each, at]
-            v[:, dof] = past_v[each, at, dof] + moved_v
-            s = self._observe(q, v, commanded(k - count)[g.rows], g.rows)
+        stride = max(1, w.history // STEPS_BEFORE)
+        follow = effect.follower(self.ctx, place, g.theta, stride * self.dt)
+
+        def row(k: int) -> Array:
+            """That of the recorded motion at a step, or the first one that is followed."""
+            return np.maximum(k, count - np.maximum(steps, 1))
+
+        def moves(k: int) -> tuple[Array, Array]:
+            """The joint at a step before the start."""
+            if k == count:
+                return now.q[:, qadr], now.v[:, dof]
+            at = row(k)
+            here = past_q[each, at, qadr] + aside - moved_v * ago[each, at]
+            return here, past_v[each, at, dof] + moved_v
+
+        then = moves(count % stride)
+        for k in range(count % stride, count, stride):
+            (q[:, qadr], v[:, dof]), then = then, moves(k + stride)
+            command = np.mean([commanded(k - count + i)[g.rows] for i in range(stride)], axis=0)
+            s = self._observe(q, v, command, g.rows, stride * self.dt)
             for other, mine, theirs in before:
                 part, drive, at_drive = (
                     _rows(s, mine),
@@ -216,11 +236,10 @@ class Runtime:
                 remembered = drive.memory(np, self.ctx, *at_drive, part)
                 forces, _ = drive.force(np, self.ctx, *at_drive, part, remembered)
                 self._pass_on(s, other, mine, forces)
-            known = (k >= count - steps) & (ago[each, at] > w.dt * (count - k) - 1e-9)
+            known = (k >= count - steps) & (ago[each, row(k)] > w.dt * (count - k) - 1e-9)
             if not followed.all():
                 memory = either(followed, memory, effect.memory(np, self.ctx, place, g.theta, s))
-            _, after = effect.force(np, self.ctx, place, g.theta, s, memory)
-            memory, followed = either(known, after, memory), followed | known
+            memory, followed = either(known, follow(s, then, memory), memory), followed | known
         return either(followed, memory, g.memory)
 
     def _pass_on(self, s: Step, g: Group, rows: Array, forces: Forces) -> None:

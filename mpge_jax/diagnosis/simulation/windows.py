@@ -164,15 +164,22 @@ class Windows:
             (s) ago that was [W, H]: what lies before the recording, or before a gap in it, is as at the first row
             after that.
         """
-        times = self.start[:, None] + self.dt * np.arange(-self.history, 0)
+        times = self.start[:, None] + np.maximum(self.dt * np.arange(-self.history, 0), -self.past[:, None])
         q, v = np.empty((*times.shape, model.nq)), np.empty((*times.shape, model.nv))
+        for k, source in enumerate(self.source):
+            q[k], v[k] = self.sources[source].motion_at(model, times[k])
+        return q, v, self.start[:, None] - times
+
+    @property
+    def past(self) -> Array:
+        """Seconds [W] that were recorded before each start, without a gap."""
+        out = np.empty(self.count)
         for k, source in enumerate(self.source):
             r = self.sources[source].recording
             after_gaps = r.time[1:][np.diff(r.time) > longest_step(r)]
             begins = np.append(r.time[0], after_gaps[after_gaps <= self.start[k] + 1e-9])
-            times[k] = np.maximum(times[k], begins[-1])
-            q[k], v[k] = self.sources[source].motion_at(model, times[k])
-        return q, v, self.start[:, None] - times
+            out[k] = self.start[k] - begins[-1]
+        return out
 
     def _commands(self, grid: Array) -> Array:
         """Mean commands [W, L, nu] between consecutive times `grid` [L + 1] after the starts."""

@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.dataset.cut_windows import cut
 from mpge_jax.diagnosis.effects.angle import waves
 from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place
-from mpge_jax.diagnosis.effects.drive import JointFlexibility
+from mpge_jax.diagnosis.effects.drive.flexible import JointFlexibility
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, proposals
@@ -24,14 +24,16 @@ from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.selection import criteria
 from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation import runtime_effects
 from mpge_jax.diagnosis.simulation.batch_simulator import MANY_STEPS, Run
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.remembered import Remembered
+from mpge_jax.diagnosis.simulation.runtime_effects import Runtime
 from tests.diagnosis.machines import BOX, FINE_PENDULUM, excitation, record
 from tests.diagnosis.searches import COULOMB, DAMPING, search_of
 
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
-FLEXIBLE = {"stiffness": 8.0, "damping": 0.02}
+FLEXIBLE = {"stiffness": 8.0, "damping": 0.05}
 
 
 def _search(xml: str, recordings: list[Recording]) -> Search:
@@ -102,6 +104,28 @@ def test_what_a_run_predicts_does_not_depend_on_its_company(elastic):
         for runs in ([quick], [quick, slow])
     )
     np.testing.assert_array_equal(alone, together)
+
+
+def test_what_went_before_is_followed_in_no_finer_steps_than_matter(elastic, monkeypatch):
+    """In steps of 0.1 ms a motor is followed by the millisecond: that moves no prediction by half of the noise, and
+    what one run predicts still does not depend on its company."""
+    h, w = Hypothesis.of(Term("joint_flexibility", HINGE)), elastic.train.refined(20)
+    quick, slow = (Run(h, np.array([8.0, d])) for d in (0.2, 0.02))
+
+    def predicted(*runs: Run) -> np.ndarray:
+        return dataclasses.replace(elastic.sim, known=Remembered()).residuals(list(runs), w)
+
+    observed, inner = [], Runtime._observe
+    monkeypatch.setattr(Runtime, "_observe", lambda *a: (observed.append(a[1:]), inner(*a))[1])
+    alone = predicted(quick)[0]
+    followed = sum(len(args) > 3 for args in observed)
+    assert 0 < followed <= 800
+    np.testing.assert_array_equal(alone, predicted(quick, slow)[0])
+    monkeypatch.setattr(runtime_effects, "STEPS_BEFORE", 10**6)
+    observed.clear()
+    finer = predicted(quick)[0]
+    assert sum(len(args) > 3 for args in observed) >= 8 * followed
+    assert 0.0 < np.nanmax(np.abs((finer - alone)[..., 0])) < 0.5e-4
 
 
 def test_a_gap_ends_what_is_followed(elastic):

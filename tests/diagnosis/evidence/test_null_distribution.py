@@ -15,25 +15,31 @@ from tests.diagnosis.searches import HINGE, fitted, prepared_of
 
 def test_more_is_left_by_the_mean_or_in_several_windows_far_beyond():
     noise = Floor(1.2, 0.05, losses=np.linspace(0.8, 2.0, 32))
-    usual, typical = np.tile([1.1, 1.3], 30), np.arange(60) < 50
-    assert not noise.beyond(Left(usual, typical))
+    usual, typical, told = np.tile([1.1, 1.3], 30), np.arange(60) < 50, np.full(60, True)
+    assert not noise.beyond(Left(usual, typical, told))
     # three standard errors of both means are 0.15
-    assert not noise.beyond(Left(usual + 0.14, typical)) and noise.beyond(Left(usual + 0.18, typical))
+    assert not noise.beyond(Left(usual + 0.14, typical, told)) and noise.beyond(
+        Left(usual + 0.18, typical, told)
+    )
     few = usual.copy()
     few[-2:] = 6.0
-    assert not noise.beyond(Left(few, typical))
+    assert not noise.beyond(Left(few, typical, told))
     few[-3:] = 3.9
-    assert not noise.beyond(Left(few, typical))
+    assert not noise.beyond(Left(few, typical, told))
     few[-3:] = 4.1
-    assert noise.beyond(Left(few, typical))
+    assert noise.beyond(Left(few, typical, told))
+    # windows of which nothing tells how they begin say nothing
+    assert not noise.beyond(Left(few, typical, np.arange(60) < 57))
     # noise alone leaves a loss near one, however little few simulated windows show
     few[-3:] = 1.9
     quiet = Floor(0.9, 0.5, losses=np.full(8, 0.5))
     # of few rows chance leaves more, and without simulated windows nobody knows how many there are
     short = Floor(0.9, 0.5)
-    assert not short.beyond(Left(np.where(few > 1.5, 4.9, few), typical))
-    assert short.beyond(Left(np.where(few > 1.5, 5.1, few), typical))
-    assert not quiet.beyond(Left(few, typical)) and quiet.beyond(Left(np.where(few > 1.5, 2.1, few), typical))
+    assert not short.beyond(Left(np.where(few > 1.5, 4.9, few), typical, told))
+    assert short.beyond(Left(np.where(few > 1.5, 5.1, few), typical, told))
+    assert not quiet.beyond(Left(few, typical, told)) and quiet.beyond(
+        Left(np.where(few > 1.5, 2.1, few), typical, told)
+    )
 
 
 def test_the_floor_is_what_a_true_model_leaves():

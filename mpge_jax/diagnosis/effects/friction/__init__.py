@@ -1,5 +1,5 @@
 """Friction and damping at a joint."""
 
-from mpge_jax.diagnosis.effects.friction import damped_motor, damping, dry, elastic, falling, gradual, hidden
+from mpge_jax.diagnosis.effects.friction import damping, dry, elastic, falling, gradual, hidden
 
-__all__ = ["damped_motor", "damping", "dry", "elastic", "falling", "gradual", "hidden"]
+__all__ = ["damping", "dry", "elastic", "falling", "gradual", "hidden"]

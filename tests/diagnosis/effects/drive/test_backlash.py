@@ -9,7 +9,7 @@ import pytest
 from mpge_jax.diagnosis.corrected import CorrectedModel
 from mpge_jax.diagnosis.effects.base import REGISTRY, find_place
 from mpge_jax.diagnosis.effects.context import nominal_context
-from mpge_jax.diagnosis.effects.drive import BOUNCE, damping_ratio, restitution_of
+from mpge_jax.diagnosis.effects.drive.backlash import BOUNCE, damping_ratio, restitution_of
 from mpge_jax.diagnosis.machine.model import compile_variable, free_inertia
 
 LINK = """<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5" contype="0" conaffinity="0"/>"""

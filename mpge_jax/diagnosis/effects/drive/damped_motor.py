@@ -8,8 +8,8 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.closer import Closer, closer_form
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
-from mpge_jax.diagnosis.effects.drive import DAMPED_MOTOR, JointFlexibility
-from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
+from mpge_jax.diagnosis.effects.drive.flexible import DAMPED_MOTOR, JointFlexibility
+from mpge_jax.diagnosis.effects.step import Array, Fields, Follower, Forces, Step
 
 SHARES = (0.5, 1.0)
 """To start from."""
@@ -23,7 +23,7 @@ class DampedMotor(Closer):
 
     ending = DAMPED_MOTOR
     adds = "; {motor_share} of the damping that the model gives the joint acts on its motor."
-    runtime = True
+    runtime = inertial = True
     set_const = True
     plain: JointFlexibility
 
@@ -56,6 +56,10 @@ class DampedMotor(Closer):
     ) -> tuple[Forces, Any]:
         damped = theta[..., -1] * _damping(ctx, place)
         return self.plain.force(xp, ctx, place, theta[..., :-1], s, memory, damped)
+
+    def follower(self, ctx: Context, place: Place, theta: np.ndarray, dt: float) -> Follower:
+        damped = theta[:, -1] * _damping(ctx, place)
+        return self.plain.follower(ctx, place, theta[:, :-1], dt, damped)
 
 
 def _damping(ctx: Context, place: Place) -> float:
