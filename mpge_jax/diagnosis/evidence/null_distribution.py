@@ -170,11 +170,9 @@ def _segments(prepared: Prepared, f: Fitted, seconds: float) -> tuple[float, Win
     before a window may tell how it begins, and then the floor's windows have it too, where recordings are long enough.
     """
     sim = prepared.sim
-    known, fixed = sim.always
-    parts = known.split(sim.ctx, fixed) | f.hypothesis.split(sim.ctx, f.theta)
     recalled = HISTORY * any(
         t.effect.rugged or t.effect.commands or t.effect.remembers(sim.ctx, t.place, theta[None]).any()
-        for t, theta in parts.items()
+        for t, theta in sim.acting(f.hypothesis, f.theta).items()
     )
     w = prepared.windows("train", duration=recalled + seconds, limit=SEGMENTS, seed=5, samples=ALL)
     return float(np.clip(w.dt * w.steps - seconds, 0.0, recalled)), w

@@ -98,11 +98,15 @@ class Simulator:
 
     def beside(self, hypothesis: Hypothesis, theta: Array) -> Simulator:
         """The same machine with these terms in every run, too."""
-        known, fixed = self.always
-        parts = known.split(self.ctx, fixed) | hypothesis.split(self.ctx, theta)
+        parts = self.acting(hypothesis, theta)
         every = Hypothesis.of(*parts)
         always = every, every.gather(self.ctx, parts)
         return replace(self, always=always, known=Remembered(), _larger=None)
+
+    def acting(self, hypothesis: Hypothesis, theta: Array) -> dict[Term, Array]:
+        """All that acts in a run of a hypothesis, with its parameters."""
+        known, fixed = self.always
+        return known.split(self.ctx, fixed) | hypothesis.split(self.ctx, theta)
 
     def guiding(self, *dofs: int) -> Simulator:
         """The same machine where hinges and slides move as recorded."""
@@ -218,9 +222,7 @@ class Simulator:
     def _groups(self, runs: list[Run], rows_of: Array) -> list[Group]:
         table: dict[Term, tuple[list[Array], list[Array]]] = {}
         for run, rows in zip(runs, rows_of, strict=True):
-            known, fixed = self.always
-            parts = known.split(self.ctx, fixed) | run.hypothesis.split(self.ctx, run.theta)
-            for term, theta in parts.items():
+            for term, theta in self.acting(run.hypothesis, run.theta).items():
                 lists = table.setdefault(term, ([], []))
                 lists[0].append(rows)
                 lists[1].append(np.tile(theta, (rows.size, 1)))

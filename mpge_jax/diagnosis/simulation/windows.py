@@ -173,13 +173,12 @@ class Windows:
     @property
     def past(self) -> Array:
         """Seconds [W] that were recorded before each start, without a gap."""
-        out = np.empty(self.count)
-        for k, source in enumerate(self.source):
-            r = self.sources[source].recording
-            after_gaps = r.time[1:][np.diff(r.time) > longest_step(r)]
-            begins = np.append(r.time[0], after_gaps[after_gaps <= self.start[k] + 1e-9])
-            out[k] = self.start[k] - begins[-1]
-        return out
+        begins = {}
+        for i in set(self.source.tolist()):
+            r = self.sources[i].recording
+            begins[i] = np.append(r.time[0], r.time[1:][np.diff(r.time) > longest_step(r)])
+        pairs = zip(self.source.tolist(), self.start, strict=True)
+        return np.array([t - begins[i][begins[i] <= t + 1e-9][-1] for i, t in pairs])
 
     def _commands(self, grid: Array) -> Array:
         """Mean commands [W, L, nu] between consecutive times `grid` [L + 1] after the starts."""

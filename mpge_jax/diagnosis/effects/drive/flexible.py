@@ -79,45 +79,17 @@ class JointFlexibility(Drive):
         s: Step,
         memory: Any,
         damped: Array = 0.0,
+        speeding: Array | None = None,
     ) -> tuple[Forces, Any]:
-        """With `damped` [...], a damping of the motor itself."""
-        motors, yields = Motors(xp, ctx, place, s), 1.0 / s.inertia(ctx.dof(place))
-        passed, memory = self._moved(xp, ctx, place, theta, s, memory, motors, damped, yields)
-        return Forces(joint=passed - motors.direct), memory
-
-    def follower(
-        self, ctx: Context, place: Place, theta: np.ndarray, dt: float, damped: Array = 0.0
-    ) -> Follower:
-        """With `damped` [n], a damping of the motor itself."""
-        dof = ctx.dof(place)
-
-        def follow(s: Step, then: tuple[Array, Array], memory: Any) -> Any:
-            motors, gained = Motors(np, ctx, place, s), (then[1] - s.v[:, dof]) / dt
-            return self._moved(np, ctx, place, theta, s, memory, motors, damped, 0.0, gained)[1]
-
-        return follow
-
-    def _moved(
-        self,
-        xp: Any,
-        ctx: Context,
-        place: Place,
-        theta: Array,
-        s: Step,
-        memory: Any,
-        motors: Motors,
-        damped: Array,
-        yields: Array,
-        gained: Array = 0.0,
-    ) -> tuple[Array, tuple[Array, Array]]:
-        """The mean torque that passes to the link in a step, and the motor's angle and speed at its end.
-
-        Two bodies on a spring move exactly, as steps that are short for the machine may be long for a light motor; what
-        a servo's torque changes by in a step is taken at its middle.
+        """Two bodies on a spring move exactly, as steps that are short for the machine may be long for a light motor;
+        what a servo's torque changes by in a step is taken at its middle.
 
         Args:
-            yields: [...] acceleration of the link by a torque. gained: [...] its other acceleration.
+            damped: [...] damping of the motor itself. speeding: [...] acceleration of a link whose motion is given
+                (None: it yields to the spring).
         """
+        motors = Motors(xp, ctx, place, s)
+        yields, gained = (1.0 / s.inertia(ctx.dof(place)), 0.0) if speeding is None else (0.0, speeding)
         inertia = rotor_inertia(ctx.model, place.index)
         stiffness, damping = theta[..., 0], theta[..., 1]
         q, v = s.q[..., ctx.qadr(place)], s.v[..., ctx.dof(place)]
@@ -140,7 +112,19 @@ class JointFlexibility(Drive):
             link, pace = link + h * pace + 0.5 * h * h * gained + aside, pace + yields * passed + h * gained
             angle, speed = link + twist + further, pace + slip + faster
             impulse = impulse + passed
-        return impulse / s.dt, (angle, speed)
+        return Forces(joint=impulse / s.dt - motors.direct), (angle, speed)
+
+    def follower(
+        self, ctx: Context, place: Place, theta: np.ndarray, dt: float, damped: Array = 0.0
+    ) -> Follower:
+        """With `damped` [n], a damping of the motor itself."""
+        dof = ctx.dof(place)
+
+        def follow(s: Step, then: tuple[Array, Array], memory: Any) -> Any:
+            speeding = (then[1] - s.v[:, dof]) / dt
+            return self.force(np, ctx, place, theta, s, memory, damped, speeding)[1]
+
+        return follow
 
     def rest(self, xp: Any, ctx: Context, place: Place, theta: Array, torque: Array, hold: Array) -> Array:
         return torque / (theta[..., 0] + hold)
