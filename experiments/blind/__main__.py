@@ -91,7 +91,7 @@ class Score:
     kept: Path | None = None
     """A score.json of other cases of this set, whose runs are no more: their marks count."""
     page: Path | None = None
-    """A Markdown page that shows the score between two marks, such as docs/diagnosis.md."""
+    """A Markdown page that shows the score between two marks, such as docs/accuracy.md."""
 
 
 Command = (
