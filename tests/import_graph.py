@@ -23,7 +23,7 @@ ROOMS = (
     f"{D}.evidence", f"{D}.force_balance", f"{D}.selection", f"{D}.measurement", f"{D}.drives",
     f"{D}.residual", f"{D}.verdict",
     "mpge_jax.task_files", f"{D}.corrected", f"{D}.report", f"{D}.inspection", f"{D}.diagnosis", f"{D}.pipeline", D,
-    "mpge_jax.recorded", "mpge_jax", "experiments.ending", "experiments.command_line", "experiments.runners",
+    "mpge_jax.recorded", "mpge_jax", "experiments.ending", "experiments.marked_page", "experiments.command_line", "experiments.runners",
     f"{B}.vocabulary", f"{B}.robots", f"{B}.truth", f"{B}.visibility", f"{B}.draws", f"{B}.case", f"{B}.wishes",
     f"{B}.circumstances", f"{B}.build", f"{B}.told", f"{B}.run", f"{B}.scoring", B,
     SECOND, "experiments.fleet", "experiments", "experiments.scale", "experiments.benchmark.peers",

@@ -19,15 +19,16 @@ import numpy as np
 import tyro
 
 from experiments import runners
+from experiments.ablation import table
 from experiments.ablation.compared import Case, acted, cases_of, effect, note, place, public
 from experiments.ablation.one import ALL
 from experiments.ablation.replaced import watched
 from experiments.ablation.rules import GATES, gate
-from experiments.ablation.table import page
 from experiments.atlas.machines import MACHINES
 from experiments.atlas.record import diagnosed
 from experiments.blind.run import CaseJob, run_case
 from experiments.ending import exit_status
+from experiments.marked_page import put_between
 from experiments.runners import Job, Options
 from mpge_jax import files
 
@@ -61,12 +62,13 @@ class Public:
 
 @dataclass(frozen=True)
 class Table:
-    """Write the page from what was run."""
+    """Write the table from what was run."""
 
     cases: tuple[Path, ...]
     """Folders that `experiments.blind build` wrote."""
     out: Path
     page: Path = Path("docs/ablation.md")
+    """In which it stands between two marks."""
     built: tuple[str, ...] = ()
     """Of each of the folders its name and the further arguments that it was built with, to be shown."""
 
@@ -144,9 +146,8 @@ def main(args: list[str] | None = None) -> int:
             *(f"python -m experiments.blind build --out {built}" for built in command.built),
             f"python -m experiments.ablation run --cases {folders} --out {command.out.name}",
         ]
-        files.write_text(
-            command.page, page(command.out.resolve(), cases_of(command.cases), "\n    ".join(said))
-        )
+        text = table.text(command.out.resolve(), cases_of(command.cases), "\n    ".join(said))
+        put_between(command.page, table.BEGIN, table.END, text)
         return 0
 
     return exit_status("ablation", work)

@@ -10,6 +10,7 @@ from pathlib import Path
 from experiments.blind.scoring.figures import by_effect, by_size, concealment, shares, summary
 from experiments.blind.scoring.marks import Mark, judge
 from experiments.blind.scoring.parameters import Compared
+from experiments.marked_page import put_between
 
 REPLAY = "mpge_jax.diagnosis.corrected.replay"
 REPORTING = 100  # seeds below are for building and tuning
@@ -125,22 +126,9 @@ def write_score(
 
 
 def put_into(page: Path, text: str) -> None:
-    """Replace what lies between the marks `BEGIN` and `END` of a Markdown page by a score, its headings two lower.
-
-    Raises:
-        ValueError: the page does not hold both marks, in this order.
-    """
-    old = page.read_text(encoding="utf-8")
-    head, found, rest = old.partition(BEGIN)
-    _, closed, tail = rest.partition(END)
-    if not found or not closed:
-        raise ValueError(
-            f"{page} has no '{BEGIN}' followed by '{END}'; add both lines where the score shall stand."
-        )
+    """Puts a score between the marks `BEGIN` and `END` of a Markdown page, its headings two lower."""
     lower = "\n".join("##" + line if line.startswith("#") else line for line in text.strip().splitlines())
-    partial = page.with_suffix(".partial")
-    partial.write_text(f"{head}{BEGIN}\n\n{lower}\n\n{END}{tail}", encoding="utf-8")
-    partial.replace(page)
+    put_between(page, BEGIN, END, lower)
 
 
 def markdown(tables: dict, marks: list[Mark]) -> str:
