@@ -12,8 +12,8 @@ from experiments.ablation.rules import GATES
 LITTLE = 0.01
 """Share of the cases whose answers a rule must change to be one that decides anything."""
 HEAD = """Each rule of the diagnosis that decides which effects are reported of
-a driven machine was switched off by itself. A rule that changed no answer of the function where it acts cannot have
-changed the diagnosis, so cases were diagnosed again only where it did. An answer is changed if its verdict, a name or a
+a driven machine was switched off by itself. Where a rule, switched off, changes nothing that its
+function returns, the diagnosis is the same, and was not run again. An answer is changed if its verdict, a name or a
 place is another one; it is better or worse with the rule by its mark, then by how few certain wrong names it has. The
 cases of a rule that is known to be needed (as many better ones would be chance with a probability below {by:g}) were
 not all run.
