@@ -33,7 +33,7 @@ PLAIN = ("coulomb_friction", "viscous_damping", "quadratic_drag")
 PLACES = 3
 """Places at which the elaborate laws are tried: where plain ones help most."""
 PROMISING = 0.01
-"""Share of the loss that a linearised step must promise to be simulated."""
+"""Share of the loss that a linearised step must promise to be simulated, and a quick fit keep to be fitted further."""
 NEARER = 0.1
 """How much nearer to nothing a start is taken that is worse than nothing."""
 NEARER_TIMES = 2
@@ -76,11 +76,30 @@ def screen(
             if t.id in PLAIN and t not in base.hypothesis.terms:
                 plain[t.place] = min(plain.get(t.place, np.inf), f.loss)
                 known[t] = theta
-    limit = before - PROMISING * min(before, 3.0)
+    limit = _promising(before)
     places = [q for q in sorted(plain, key=lambda q: plain[q]) if plain[q] < limit][:PLACES]
     elaborate = [t for t in elaborate if t.place in places or t.place not in plain]
     found += _quick_fits(near, base, elaborate, white, own, before, known)
     return sorted(found, key=lambda f: f.loss)
+
+
+def better_beside(
+    sim: Simulator,
+    base: Fitted,
+    terms: list[Term],
+    sample: tuple[Windows, Whitener],
+    slopes: Slopes,
+    than: float,
+    known: dict[Term, Array],
+) -> list[Fitted]:
+    """Best quick fit of `base` plus each term, of those that are worth more than a loss, lowest loss first.
+
+    Args:
+        slopes: of the base (`slopes_of`). known: parameters of plainer terms, which each begins beside.
+    """
+    near = Near.to(sim, Run(base.hypothesis, base.theta), sample[0])
+    found = _quick_fits(near, base, terms, sample[1], slopes, than, known)
+    return sorted((f for f in found if f.loss < _promising(than)), key=lambda f: f.loss)
 
 
 def _quick_fits(
@@ -129,7 +148,7 @@ def _quick_fits(
     trials: list[tuple[int, Array]] = []
     for term, entries in promised.items():
         for hope, index, steps_to in sorted(entries, key=lambda e: e[0])[:STARTS]:
-            if term.effect.jagged or hope < before - PROMISING * min(before, 3.0):
+            if term.effect.jagged or hope < _promising(before):
                 further = [x for t in steps_to[:1] for x in beyond(problems[index][1], t, ctx)]
                 trials += [(index, t) for t in [*steps_to, *further]]
     outcome = _whitened(near, [Run(problems[i][1].fit.hypothesis, t) for i, t in trials], white)
@@ -144,6 +163,11 @@ def _quick_fits(
         if term not in best or p.fit.loss < best[term].loss:
             best[term] = p.fit
     return list(best.values())
+
+
+def _promising(before: float) -> float:
+    """Loss below which a step from another loss is one."""
+    return before - PROMISING * min(before, 3.0)
 
 
 def _slice(ctx: Context, hypothesis: Hypothesis, term: Term) -> slice:

@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, evaluate, fit, slopes_of
-from mpge_jax.diagnosis.estimation.screening import ELABORATE, starts_beside
+from mpge_jax.diagnosis.estimation.screening import ELABORATE, better_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.evidence.joints_of_place import first_joints, next_to
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio, odds
@@ -208,27 +208,21 @@ def _richer(
     term: Term,
     slopes: tuple[Slopes, Slopes],
 ) -> list[Fitted]:
-    """The elaborate laws of friction that contain a plain one, fitted from where the latter stands: beside other
-    effects, and through contacts, generic starts do not lead there.
+    """The elaborate laws of friction that contain a plain one and promise more, fitted from where the latter stands:
+    beside other effects, and through contacts, generic starts do not lead there.
 
     Args:
         slopes: of the others, on the sample and on all windows.
     """
-    ctx, without = s.sim.ctx, best.fit.hypothesis.without(term)
-    parts = best.fit.hypothesis.split(ctx, best.fit.theta)
-    starts = []
-    for form in (Term(i, term.place) for i in SPECIAL_CASES[term.id]):
-        if form not in s.terms or not compatible(without, form):
-            continue
-        h = without.with_term(form)
-        for start in starts_beside(ctx, form, {term: parts[term]}):
-            theta = h.gather(ctx, {**parts, form: start})
-            starts.append(Fitted(h, theta, theta))
-    best_of: dict[Hypothesis, Fitted] = {}
-    for f in fit(s.sim, starts, *sample, iterations=4, slopes=slopes[0], anew=False):
-        if f.hypothesis not in best_of or f.loss < best_of[f.hypothesis].loss:
-            best_of[f.hypothesis] = f
-    promising = sorted(best_of.values(), key=lambda f: f.loss)[:RICHER]
+    ctx, hypothesis = s.sim.ctx, best.fit.hypothesis.without(term)
+    parts, others = best.fit.hypothesis.split(ctx, best.fit.theta), best.fit.of_terms(ctx, hypothesis).theta
+    base = Fitted(hypothesis, others, others)
+    forms = [Term(i, term.place) for i in SPECIAL_CASES[term.id]]
+    forms = [t for t in forms if t in s.terms and compatible(hypothesis, t)]
+    plain = evaluate(s.sim, [best.fit], *sample)[0].loss
+    begun = better_beside(s.sim, base, forms, sample, slopes[0], plain, {term: parts[term]})
+    told = fit(s.sim, begun, *sample, iterations=4, slopes=slopes[0], anew=False)
+    promising = sorted(told, key=lambda f: f.loss)[:RICHER]
     return fit(s.sim, promising, s.train, white, iterations=4, slopes=slopes[1])
 
 

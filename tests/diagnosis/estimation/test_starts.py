@@ -18,8 +18,9 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.drive.flexible import JointFlexibility
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
+from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, proposals
-from mpge_jax.diagnosis.estimation.screening import _leading, screen
+from mpge_jax.diagnosis.estimation.screening import _leading, better_beside, screen
 from mpge_jax.diagnosis.estimation.whitening import robust_loss
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.selection import criteria
@@ -282,3 +283,25 @@ def test_a_law_of_friction_is_no_worse_in_screening_than_a_plain_one_that_it_con
     found = {str(f.hypothesis.terms[0]): f.loss for f in s.screened(NOTHING, sample, s.terms)}
     assert found["asymmetric_friction@hinge"] <= 1.001 * found["viscous_damping@hinge"]
     assert found["viscous_damping@hinge"] < 0.2 * s.score([NOTHING], s.whiten(NOTHING))[0].losses.mean()
+
+
+def test_a_richer_law_is_looked_at_where_it_promises_more_than_the_plain_one(rubbing):
+    """Of a pendulum with plain dry friction, and of one whose friction is 0.15 N m forwards and 0.05 N m backwards."""
+    by_direction = Term("asymmetric_friction", HINGE)
+
+    def one_sided(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        v = float(data.qvel[0])
+        data.qfrc_applied[0] -= (0.15 if v > 0 else 0.05) * np.tanh(v / 0.01)
+
+    def begun(s: Search) -> list[Term]:
+        white = s.whiten_one(_known(s, COULOMB, [0.1]), s.train)
+        plain = fit(s.sim, [_known(s, COULOMB, [0.1])], s.train, white)[0]
+        than = evaluate(s.sim, [plain], s.train, white)[0].loss
+        known = {COULOMB: plain.theta}
+        found = better_beside(s.sim, NOTHING, [by_direction], (s.train, white), {}, than, known)
+        return [t for f in found for t in f.hypothesis.terms]
+
+    assert begun(rubbing[0]) == []
+    assert begun(_search(FINE_PENDULUM, record(FINE_PENDULUM, 0.8, force=one_sided, seconds=3.0))) == [
+        by_direction
+    ]
