@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
-
-import numpy as np
 
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place
@@ -15,6 +14,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, evaluate, fit, slopes_of
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, better_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
+from mpge_jax.diagnosis.evidence.common_factor import by_a_common_factor
 from mpge_jax.diagnosis.evidence.joints_of_place import first_joints, next_to
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio, odds
 from mpge_jax.diagnosis.evidence.rigid_equivalence import carried_over, same_body
@@ -43,6 +43,7 @@ ITERATIONS, ALONE = 8, 3
 """Steps of the fit of what comes near, most of which ends before: hypotheses are compared each at its own best. And
 those before that of what stands in an effect's place alone."""
 NOTHING_WEIGHED: Mapping[Term, list[Rival]] = MappingProxyType({})
+FEWER = "it explains as much with fewer effects"
 PLAIN_LAWS = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
 
 
@@ -77,7 +78,7 @@ def find_rivals(
             other = next((t for t in r.fit.hypothesis.terms if t not in without.terms), None)
             if other is not None:
                 rivals.append(_compare(s, best, term, r, other))
-        rivals += _all_drives_weaker(s, best, whites, term)
+        rivals += _by_a_common_factor(s, best, whites, term)
         out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
 
@@ -180,24 +181,21 @@ def unaffected(
     }
 
 
-def _all_drives_weaker(s: Search, best: Scored, whites: tuple[Whitener, Whitener], term: Term) -> list[Rival]:
-    """All masses times a factor: where the model as given has nothing else that resists, drives that are all weaker by
-    that factor, beside forces that all are smaller by it, make the same motion."""
-    ctx, without = s.sim.ctx, best.fit.hypothesis.without(term)
-    drives = [t for t in s.terms if t.id == "actuator_gain" and compatible(without, t)]
-    if term.id != "mass_scale" or term.place.kind != "world" or len(drives) < max(2, ctx.model.nu):
+def _by_a_common_factor(
+    s: Search, best: Scored, whites: tuple[Whitener, Whitener], term: Term
+) -> list[Rival]:
+    """All drives weaker in place of all masses times a factor, with which they tie where nothing given resists; and all
+    masses in place of the gains of all drives, which is simpler."""
+    other_way = by_a_common_factor(s.sim.ctx, s.terms, best.fit, term)
+    if other_way is None:
         return []
-    parts = best.fit.hypothesis.split(ctx, best.fit.theta)
-    share = 1.0 / parts[term]
-    for t in without.terms:
-        force = [any(x in p.unit for x in ("N", "kg")) for p in t.params(ctx)]
-        parts[t] = np.where(force, share * parts[t], parts[t])
-    hypothesis = Hypothesis.of(*without.terms, *drives)
-    theta = hypothesis.gather(ctx, parts | dict.fromkeys(drives, share))
-    rival = s.score(fit(s.sim, [Fitted(hypothesis, theta, theta)], s.train, whites[0], iterations=6), whites)[
-        0
-    ]
-    return [_compare(s, best, term, rival, *drives)]
+    start, (other, *beside) = other_way
+    scored = s.score(fit(s.sim, [start], s.train, whites[0], iterations=6), whites)[0]
+    rival = _compare(s, best, term, scored, other, *beside)
+    fewer = len(start.hypothesis.terms) < len(best.fit.hypothesis.terms)
+    if fewer and not beyond_doubt(rival.margin):
+        return [replace(rival, why_not=FEWER, tied=False, better=True)]
+    return [rival]
 
 
 def _richer(
@@ -293,7 +291,7 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term, *b
     if rival.directions > best.directions:
         return of("it needs more free parameters for the same fit")
     if _needs_fewer(s, best.fit, rival.fit, term):
-        return of("it explains as much with fewer effects", better=True)
+        return of(FEWER, better=True)
     return of("the data cannot tell the two apart", tied=True)
 
 
