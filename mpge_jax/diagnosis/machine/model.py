@@ -284,6 +284,22 @@ def actuators_of_joint(model: mujoco.MjModel, joint: int) -> list[int]:
     return [a for a, driven in drives if driven == joint and is_joint_transmission(model, a)]
 
 
+def lever_arms(model: mujoco.MjModel, joint: int) -> list[tuple[int, float]]:
+    """The actuators whose force acts on a joint, directly or by a fixed tendon, each with the torque on the joint for a
+    unit of its force."""
+    arms = [(a, float(model.actuator_gear[a, 0])) for a in actuators_of_joint(model, joint)]
+    # asked at every step
+    if not model.ntendon:
+        return arms
+    for a in np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)).tolist():
+        tendon = int(model.actuator_trnid[a, 0])
+        part = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+        on = (model.wrap_type[part] == int(mujoco.mjtWrap.mjWRAP_JOINT)) & (model.wrap_objid[part] == joint)
+        if on.any():
+            arms.append((a, float(model.actuator_gear[a, 0] * model.wrap_prm[part][on].sum())))
+    return arms
+
+
 def free_inertia(model: mujoco.MjModel, factor: np.ndarray, dof: int) -> np.ndarray:
     """Inertia [...] with which a joint resists a torque while all others are free: the inverse of the diagonal element
     of the inverse mass matrix.

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 from mpge_jax.diagnosis.effects.friction.scales import damping_param, falling_param, torque_param
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
-from mpge_jax.diagnosis.machine.model import actuators_of_joint
+from mpge_jax.diagnosis.machine.model import lever_arms
 
 ELASTIC = ":elastic"
 """How the identifier of the form of a law ends that gives way before it slides."""
@@ -131,7 +131,7 @@ class LoadDependentFriction(Dry):
         return (torque_param(ctx, place, "coulomb"), Param("load_coefficient", "1", 0.0, 2.0, 0.1))
 
     def places(self, ctx: Context) -> list[Place]:
-        return [p for p in super().places(ctx) if _drives(ctx, p)]
+        return [p for p in super().places(ctx) if lever_arms(ctx.model, p.index)]
 
     def containing(self, ctx: Context, place: Place, plainer: str, theta: np.ndarray) -> np.ndarray:
         if plainer != "coulomb_friction":
@@ -144,7 +144,7 @@ class LoadDependentFriction(Dry):
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
-        load = sum(s.f[..., a] * g for a, g in _drives(ctx, place))
+        load = sum(s.f[..., a] * g for a, g in lever_arms(ctx.model, place.index))
         return Forces(dry=theta[..., 0] + theta[..., 1] * xp.abs(load)), memory
 
 
@@ -162,7 +162,7 @@ class GearLoadFriction(LoadDependentFriction):
     def force(
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
-        motor = sum(s.f[..., a] * g for a, g in _drives(ctx, place))
+        motor = sum(s.f[..., a] * g for a, g in lever_arms(ctx.model, place.index))
         load = motor - s.external(ctx.dof(place))
         return Forces(dry=theta[..., 0] + theta[..., 1] * xp.abs(load)), memory
 
@@ -212,8 +212,3 @@ class AsymmetricFriction(Dry):
         dry = xp.where(forward, theta[..., 0], theta[..., 1])
         viscous = xp.where(forward, theta[..., 2], theta[..., 3])
         return Forces(dry=dry, joint=-viscous * v), memory
-
-
-def _drives(ctx: Context, place: Place) -> list[tuple[int, float]]:
-    """(actuator, gear) of the actuators on a joint."""
-    return [(a, float(ctx.model.actuator_gear[a, 0])) for a in actuators_of_joint(ctx.model, place.index)]
