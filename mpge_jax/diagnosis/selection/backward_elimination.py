@@ -20,6 +20,7 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import (
 )
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.estimation.whitening import (
+    DAMPED,
     INTEGRATOR,
     LATE,
     OLDER,
@@ -157,13 +158,14 @@ def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
 def as_wide_as_integrators_differ(s: Search, f: Fitted, w: Windows) -> Fitted:
     """The fit with half of what another integrator moves its parameters by in its covariance.
 
-    No machine has one, and by the model's a servo's braking adds half a step of itself to the inertia or takes it away.
+    No machine has one, and by the model's a servo's braking adds half a step of itself to the inertia or takes it away,
+    and a joint's damping adds it.
     That moves all such inertias together, so that it says nothing of whether there is one. Not where things touch: the
     model's steps are a part of its contacts.
     """
     if not f.theta.size or not f.cov.size or s.sim.rugged(f.hypothesis):
         return f
-    return replace(f, cov=widened(f.cov, HALF * _shifted(s, f, w, (INTEGRATOR,))))
+    return replace(f, cov=widened(f.cov, HALF * _shifted(s, f, w, (INTEGRATOR, DAMPED))))
 
 
 def without_open_components(s: Search, f: Fitted) -> Fitted:

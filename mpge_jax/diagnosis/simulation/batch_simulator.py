@@ -159,10 +159,23 @@ class Simulator:
         finally:
             self.model.opt.integrator = own
 
+    @contextmanager
+    def explicitly(self) -> Iterator[None]:
+        """Simulate with steps that are explicit in the velocity inside a `with` block: Euler's, of which MuJoCo makes
+        the damping of joints implicit unless it is told not to."""
+        flags = self.model.opt.disableflags
+        self.model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+        try:
+            with self.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+                yield
+        finally:
+            self.model.opt.disableflags = flags
+
     def residuals(self, runs: list[Run], w: Windows) -> Array:
         """Measured minus predicted: [R, W, N, 2 nv], positions then velocities, in joint space; NaN unmeasured."""
         out = np.empty((len(runs), w.count, w.times.shape[1], 2 * self.model.nv))
-        keys = [(w.digest, id(w.sources), int(self.model.opt.integrator), run.key) for run in runs]
+        steps = int(self.model.opt.integrator), int(self.model.opt.disableflags)
+        keys = [(w.digest, id(w.sources), steps, run.key) for run in runs]
         new = self.known.recall(keys, out)
         with quiet():
             for way, chunk in CHUNKS.items():

@@ -15,12 +15,20 @@ from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.whitening import HOLDING, INTEGRATOR, STEP, numerics, robust_loss, whitener
+from mpge_jax.diagnosis.estimation.whitening import (
+    DAMPED,
+    HOLDING,
+    INTEGRATOR,
+    STEP,
+    numerics,
+    robust_loss,
+    whitener,
+)
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.numerics_seen import numerics_seen
 from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
 from mpge_jax.diagnosis.selection.alternatives import find_rivals
-from mpge_jax.diagnosis.selection.backward_elimination import final_fit
+from mpge_jax.diagnosis.selection.backward_elimination import as_wide_as_integrators_differ, final_fit
 from mpge_jax.diagnosis.selection.competition import at_floor, at_noise
 from mpge_jax.diagnosis.selection.criteria import moves
 from mpge_jax.diagnosis.selection.forward_selection import search
@@ -29,7 +37,7 @@ from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.thresholds import AT_NOISE, LOUD
 from tests.diagnosis.machines import ARM, FINE_ARM, FINE_PENDULUM, PENDULUM, SERVO, really_sticks, record
-from tests.diagnosis.searches import fitted, prepared_of
+from tests.diagnosis.searches import ARMATURE, DAMPING, fitted, prepared_of, search_of
 
 
 def _search(p):
@@ -222,9 +230,29 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
     explicit = stiff.replace('"implicitfast"', '"Euler"').replace('"0.002"', '"0.004"')
     s = _search(prepared_of(stiff, record(explicit, 0.8, noise=3e-6)))
     changes = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held)
+    # of these joints damping does a little of the same
+    del changes[DAMPED]
     losses = _losses_seeing_past(s, changes, INTEGRATOR)
     assert losses[0] < 1.1 < 1.4 < losses[1]
     assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def test_rotor_inertia_lies_within_what_implicit_damping_adds_to_it():
+    """MuJoCo's implicit steps add a step's damping to an inertia: 0.005 s of 0.4 N m s/rad to 0.04 kg m^2; a machine
+    that is no program has half of that."""
+    inertia, damping = 0.04, 0.4
+
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_armature[0] += inertia
+
+    def brake(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_applied[0] -= damping * data.qvel[0]
+
+    s, _ = search_of(PENDULUM, record(PENDULUM, 3.0, change=change, force=brake, noise=1e-5, seconds=4.0))
+    f, _ = final_fit(s, fitted(s, {ARMATURE: [inertia], DAMPING: [damping]}))
+    wide = as_wide_as_integrators_differ(s, f, s.train)
+    k = f.hypothesis.slices(s.sim.ctx)[f.hypothesis.terms.index(ARMATURE)].start
+    assert abs(wide.theta[k] - inertia) < 2.0 * np.sqrt(wide.cov[k, k]) < 0.1 * inertia
 
 
 def test_given_friction_that_holds_where_mujocos_creeps_is_no_physics():
