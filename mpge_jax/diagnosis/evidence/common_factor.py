@@ -9,9 +9,6 @@ from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 
-SEVERAL = 2
-"""Drives from which on it is asked for: a single one is a case of `same_in_principle`."""
-
 
 def by_a_common_factor(
     ctx: Context, terms: list[Term], f: Fitted, term: Term
@@ -38,8 +35,9 @@ def by_a_common_factor(
         return None
     without = Hypothesis.of(*(t for t in f.hypothesis.terms if t not in gone))
     come = [t for t in come if compatible(without, t)]
+    # of a single drive `same_in_principle` knows it
     drives = max(len(gone), len(come))
-    if drives < max(SEVERAL, ctx.model.nu) or not come or factor <= 0.0:
+    if not 1 < ctx.model.nu <= drives or not come or factor <= 0.0:
         return None
     for t in without.terms:
         force = [any(x in p.unit for x in ("N", "kg")) for p in t.params(ctx)]
