@@ -28,7 +28,6 @@ Array = np.ndarray
 KAPPA = 5.0
 NUISANCE = 3.0
 STEP, LATE, INTEGRATOR, OLDER = "timestep", "late commands", "integrator", "older forces"
-DAMPED = "explicit damping"
 HOLDING = "given dry friction"
 """What changes motion and is no physics (see `numerics`)."""
 LATER = 0.125
@@ -206,11 +205,10 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
 
     STEP: the timestep is halved (of Runge-Kutta, which that does not change: replaced by semi-implicit steps of a
     quarter). LATE: the commands act `LATER` timesteps later. INTEGRATOR: explicit steps are made implicit in the
-    velocity or the other way round (not of Runge-Kutta), which moves stiff servos otherwise than a timestep does.
-    DAMPED: the damping of joints, which MuJoCo makes implicit in Euler's steps too, is made explicit; an implicit step
-    adds a step's damping to the inertia, and no machine has more than half of that. OLDER: servos' forces that act late
-    do so by a tenth more. HOLDING: the dry friction that the model gives stops joints within a timestep (MuJoCo's
-    creeps, and what rubs does neither quite so), where no effect has it so already.
+    velocity or the other way round (not of Runge-Kutta), which moves stiff servos and strong damping otherwise than a
+    timestep does. OLDER: servos' forces that act late do so by a tenth more. HOLDING: the dry friction that the model
+    gives stops joints within a timestep (MuJoCo's creeps, and what rubs does neither quite so), where no effect has it
+    so already.
     """
     run, kind = [Run(hypothesis, theta)], mujoco.mjtIntegrator
     plain, late = (sim.residuals(run, x)[0] for x in (w, w.later(LATER * w.dt)))
@@ -219,11 +217,7 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
     out = {STEP: in_finer_steps(sim, run, w, 4 if runge_kutta else 2)[0] - plain}
     if not runge_kutta:
         with sim.integrator(kind.mjINT_IMPLICITFAST if euler else kind.mjINT_EULER):
-            other = sim.residuals(run, w)[0]
-        out[INTEGRATOR] = other - plain
-        if _damps(sim, hypothesis):
-            with sim.explicitly():
-                out[DAMPED] = sim.residuals(run, w)[0] - (plain if euler else other)
+            out[INTEGRATOR] = sim.residuals(run, w)[0] - plain
     out[LATE] = late - plain
     older = w.older(1.1)
     if older is not None:
@@ -234,11 +228,21 @@ def numerics(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -
     return out
 
 
-def _damps(sim: Simulator, hypothesis: Hypothesis) -> bool:
-    """Whether MuJoCo makes the damping of any joint implicit."""
+def explicit_damping(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) -> Array | None:
+    """Change of the residuals [W, N, 2 nv] by explicit damping of joints, which MuJoCo makes implicit in Euler's steps
+    too; None where no joint has any. An implicit step adds a step's damping to the inertia, and no machine has more
+    than half of that. It is like so much else at every joint that searches do not see past it.
+    """
     added = any("dof_damping" in t.effect.fields for t in hypothesis.terms)
-    explicit = sim.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
-    return not explicit and (added or bool((sim.model.dof_damping > 0.0).any()))
+    runge_kutta = sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+    if runge_kutta or not (added or (sim.model.dof_damping > 0.0).any()):
+        return None
+    run = [Run(hypothesis, theta)]
+    with sim.integrator(mujoco.mjtIntegrator.mjINT_EULER):
+        implicit = sim.residuals(run, w)[0]
+    with sim.explicitly():
+        explicit: Array = sim.residuals(run, w)[0]
+    return explicit - implicit
 
 
 def _holding(sim: Simulator, hypothesis: Hypothesis, theta: Array) -> Run | None:

@@ -10,7 +10,6 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import NO_AMOUNTS
 from mpge_jax.diagnosis.estimation.whitening import (
-    DAMPED,
     HOLDING,
     INTEGRATOR,
     LATE,
@@ -51,8 +50,6 @@ def numerics_seen(p: Prepared, f: Fitted) -> tuple[dict[str, float], list[str]]:
     residual = p.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
     flat = white(residual)
     changes = numerics(p.sim, f.hypothesis, f.theta, w)
-    # where nothing else hangs on the step, a finer one does the same
-    changes.pop(DAMPED, None)
     weight = 1.0 / (1.0 + white.excess(flat) / 5.0)
     columns = np.stack([white(residual + change) - flat for change in changes.values()])
     gram = np.einsum("w,pwm,qwm->pq", weight, columns, columns, optimize=True)

@@ -20,12 +20,12 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import (
 )
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.estimation.whitening import (
-    DAMPED,
     INTEGRATOR,
     LATE,
     OLDER,
     STEP,
     Whitener,
+    explicit_damping,
     numerics,
     whitener,
 )
@@ -156,7 +156,7 @@ def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
 
 
 def as_wide_as_integrators_differ(s: Search, f: Fitted, w: Windows) -> Fitted:
-    """The fit with half of what another integrator moves its parameters by in its covariance.
+    """The fit with half of what another integrator, and explicit damping, move its parameters by in its covariance.
 
     No machine has one, and by the model's a servo's braking adds half a step of itself to the inertia or takes it away,
     and a joint's damping adds it.
@@ -165,7 +165,7 @@ def as_wide_as_integrators_differ(s: Search, f: Fitted, w: Windows) -> Fitted:
     """
     if not f.theta.size or not f.cov.size or s.sim.rugged(f.hypothesis):
         return f
-    return replace(f, cov=widened(f.cov, HALF * _shifted(s, f, w, (INTEGRATOR, DAMPED))))
+    return replace(f, cov=widened(f.cov, HALF * _shifted(s, f, w, (INTEGRATOR,), damped=True)))
 
 
 def without_open_components(s: Search, f: Fitted) -> Fitted:
@@ -196,12 +196,17 @@ def without_open_components(s: Search, f: Fitted) -> Fitted:
     return f if missed(more, less) else fewer
 
 
-def _shifted(s: Search, f: Fitted, w: Windows, kinds: tuple[str, ...]) -> Array:
+def _shifted(s: Search, f: Fitted, w: Windows, kinds: tuple[str, ...], damped: bool = False) -> Array:
     """By how much some of the `numerics` shift parameters [p]: by one Gauss-Newton step each, under a whitening that
-    does not see past them."""
+    does not see past them.
+
+    Args:
+        damped: explicit damping of joints, too.
+    """
     white, out = whitener(s.sim, f.hypothesis, f.theta, w, s.noise), np.zeros(f.theta.size)
     residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
-    for what, change in numerics(s.sim, f.hypothesis, f.theta, w).items():
-        if what in kinds:
-            out = np.hypot(out, gauss_newton_shift(s.sim, f, w, white, white(residual + change)))
+    changes = [x for what, x in numerics(s.sim, f.hypothesis, f.theta, w).items() if what in kinds]
+    explicit = explicit_damping(s.sim, f.hypothesis, f.theta, w) if damped else None
+    for change in changes if explicit is None else [*changes, explicit]:
+        out = np.hypot(out, gauss_newton_shift(s.sim, f, w, white, white(residual + change)))
     return out

@@ -86,7 +86,7 @@ def test_detours_are_taken_at_first_and_then_where_slopes_lead_nowhere(rubbing_f
 
     monkeypatch.setattr(levenberg_marquardt, "without_slopes", lambda p, ctx: [p.fit.theta + aside])
     monkeypatch.setattr(levenberg_marquardt, "_tried", tried)
-    start = fitted(s, {COULOMB: [0.0]})
+    start = fitted(s, {DAMPING: [0.0]})
     fit(s.sim, [start], s.train, s.whiten_one(start, s.train))
     # of each iteration, what is tried at once and what only where that is no better
     (at_once, _), *later = zip(seen[::2], seen[1::2], strict=True)

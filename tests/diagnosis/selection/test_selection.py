@@ -16,7 +16,6 @@ from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.whitening import (
-    DAMPED,
     HOLDING,
     INTEGRATOR,
     STEP,
@@ -230,8 +229,6 @@ def test_explicit_and_implicit_steps_of_a_stiff_servo_differ_by_no_physics():
     explicit = stiff.replace('"implicitfast"', '"Euler"').replace('"0.002"', '"0.004"')
     s = _search(prepared_of(stiff, record(explicit, 0.8, noise=3e-6)))
     changes = numerics(s.sim, NOTHING.hypothesis, NOTHING.theta, s.held)
-    # of these joints damping does a little of the same
-    del changes[DAMPED]
     losses = _losses_seeing_past(s, changes, INTEGRATOR)
     assert losses[0] < 1.1 < 1.4 < losses[1]
     assert s.sim.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
