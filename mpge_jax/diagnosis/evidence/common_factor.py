@@ -27,18 +27,19 @@ def by_a_common_factor(
     gains = [t for t in f.hypothesis.named if t.id == "actuator_gain"]
     if term in masses:
         gone, come = [term], [t for t in terms if t.id == "actuator_gain"]
-        factor = 1.0 / float(parts[term][0])
+        told = float(parts[term][0])
     elif gains[:1] == [term]:
         gone, come = gains, masses
-        factor = 1.0 / float(np.mean([parts[t][0] for t in gains]))
+        told = float(np.mean([parts[t][0] for t in gains]))
     else:
         return None
     without = Hypothesis.of(*(t for t in f.hypothesis.terms if t not in gone))
     come = [t for t in come if compatible(without, t)]
     # of a single drive `same_in_principle` knows it
     drives = max(len(gone), len(come))
-    if not 1 < ctx.model.nu <= drives or not come or factor <= 0.0:
+    if not 1 < ctx.model.nu <= drives or not come or told <= 0.0:
         return None
+    factor = 1.0 / told
     for t in without.terms:
         force = [any(x in p.unit for x in ("N", "kg")) for p in t.params(ctx)]
         parts[t] = np.where(force, factor * parts[t], parts[t])

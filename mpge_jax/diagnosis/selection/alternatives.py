@@ -128,7 +128,7 @@ def _instead(
         fits = [*fit(s.sim, near, s.train, white, iterations=ITERATIONS, slopes=slopes), *far]
     unsettled = best.losses.mean() > SETTLED or best.factor > 1.0
     if term.id in PLAIN_LAWS and (unsettled or _pushed(ctx, hypothesis, term)):
-        fits += _richer(s, best, white, sample, term, (beside, slopes))
+        fits += _richer(s, best, base, white, sample, term, (beside, slopes))
     return fits
 
 
@@ -201,6 +201,7 @@ def _by_a_common_factor(
 def _richer(
     s: Search,
     best: Scored,
+    base: Fitted,
     white: Whitener,
     sample: tuple[Windows, Whitener],
     term: Term,
@@ -210,15 +211,13 @@ def _richer(
     beside other effects, and through contacts, generic starts do not lead there.
 
     Args:
-        slopes: of the others, on the sample and on all windows.
+        base: the chosen fit without the plain one. slopes: of the others, on the sample and on all windows.
     """
-    ctx, hypothesis = s.sim.ctx, best.fit.hypothesis.without(term)
-    parts, others = best.fit.hypothesis.split(ctx, best.fit.theta), best.fit.of_terms(ctx, hypothesis).theta
-    base = Fitted(hypothesis, others, others)
     forms = [Term(i, term.place) for i in SPECIAL_CASES[term.id]]
-    forms = [t for t in forms if t in s.terms and compatible(hypothesis, t)]
+    forms = [t for t in forms if t in s.terms and compatible(base.hypothesis, t)]
     plain = evaluate(s.sim, [best.fit], *sample)[0].loss
-    begun = better_beside(s.sim, base, forms, sample, slopes[0], plain, {term: parts[term]})
+    known = {term: best.fit.hypothesis.split(s.sim.ctx, best.fit.theta)[term]}
+    begun = better_beside(s.sim, base, forms, sample, slopes[0], plain, known)
     told = fit(s.sim, begun, *sample, iterations=4, slopes=slopes[0], anew=False)
     promising = sorted(told, key=lambda f: f.loss)[:RICHER]
     return fit(s.sim, promising, s.train, white, iterations=4, slopes=slopes[1])

@@ -151,7 +151,9 @@ def with_timestep_error(s: Search, f: Fitted, w: Windows) -> Fitted:
         return f
     shift = timing_error(f.hypothesis.params(s.sim.ctx), f.theta, w.dt)
     if any(isinstance(REGISTRY[t.plain], Drive) for t in f.hypothesis.terms):
-        shift = np.hypot(shift, _shifted(s, f, w, (STEP, LATE, OLDER)))
+        told = numerics(s.sim, f.hypothesis, f.theta, w)
+        changes = [told[what] for what in (STEP, LATE, OLDER) if what in told]
+        shift = np.hypot(shift, _shifted(s, f, w, changes))
     return replace(f, cov=widened(f.cov, shift))
 
 
@@ -165,7 +167,9 @@ def as_wide_as_integrators_differ(s: Search, f: Fitted, w: Windows) -> Fitted:
     """
     if not f.theta.size or not f.cov.size or s.sim.rugged(f.hypothesis):
         return f
-    return replace(f, cov=widened(f.cov, HALF * _shifted(s, f, w, (INTEGRATOR,), damped=True)))
+    told = numerics(s.sim, f.hypothesis, f.theta, w).get(INTEGRATOR)
+    changes = [x for x in (told, explicit_damping(s.sim, f.hypothesis, f.theta, w)) if x is not None]
+    return replace(f, cov=widened(f.cov, HALF * _shifted(s, f, w, changes)))
 
 
 def without_open_components(s: Search, f: Fitted) -> Fitted:
@@ -196,17 +200,11 @@ def without_open_components(s: Search, f: Fitted) -> Fitted:
     return f if missed(more, less) else fewer
 
 
-def _shifted(s: Search, f: Fitted, w: Windows, kinds: tuple[str, ...], damped: bool = False) -> Array:
-    """By how much some of the `numerics` shift parameters [p]: by one Gauss-Newton step each, under a whitening that
-    does not see past them.
-
-    Args:
-        damped: explicit damping of joints, too.
-    """
+def _shifted(s: Search, f: Fitted, w: Windows, changes: list[Array]) -> Array:
+    """By how much changes of the residuals [W, N, 2 nv] shift parameters [p]: by one Gauss-Newton step each, under a
+    whitening that does not see past them."""
     white, out = whitener(s.sim, f.hypothesis, f.theta, w, s.noise), np.zeros(f.theta.size)
     residual = s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
-    changes = [x for what, x in numerics(s.sim, f.hypothesis, f.theta, w).items() if what in kinds]
-    explicit = explicit_damping(s.sim, f.hypothesis, f.theta, w) if damped else None
-    for change in changes if explicit is None else [*changes, explicit]:
+    for change in changes:
         out = np.hypot(out, gauss_newton_shift(s.sim, f, w, white, white(residual + change)))
     return out

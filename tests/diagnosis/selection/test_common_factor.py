@@ -6,15 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.estimation.whitening import Whitener
 from mpge_jax.diagnosis.evidence.scored import Scored
 from mpge_jax.diagnosis.selection.alternatives import _by_a_common_factor
 from mpge_jax.diagnosis.selection.search_state import Search
 from tests.diagnosis.machines import really_sticks, record
-from tests.diagnosis.searches import search_of
+from tests.diagnosis.searches import fitted, search_of
 
 FACTOR, FRICTION = 1.5, np.array([0.2, 0.1])
 ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
@@ -41,9 +40,7 @@ def _searched(damping: float):
 
 
 def _settled(s: Search, parts: dict[Term, float]) -> tuple[Scored, tuple[Whitener, Whitener]]:
-    hypothesis = Hypothesis.of(*parts)
-    theta = hypothesis.gather(s.sim.ctx, {t: np.array([x]) for t, x in parts.items()})
-    start = Fitted(hypothesis, theta, theta)
+    start = fitted(s, {t: [x] for t, x in parts.items()})
     found = fit(s.sim, [start], s.train, s.whiten_one(start, s.train), iterations=3)[0]
     whites = s.whiten(found)
     return s.score([found], whites)[0], whites

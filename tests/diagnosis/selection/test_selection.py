@@ -15,14 +15,7 @@ from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.whitening import (
-    HOLDING,
-    INTEGRATOR,
-    STEP,
-    numerics,
-    robust_loss,
-    whitener,
-)
+from mpge_jax.diagnosis.estimation.whitening import HOLDING, INTEGRATOR, STEP, numerics, robust_loss, whitener
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.evidence.numerics_seen import numerics_seen
 from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen

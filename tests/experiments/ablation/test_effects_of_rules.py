@@ -154,3 +154,8 @@ def test_a_public_machine_that_is_not_there(
     given = ["public", "--recordings", str(tmp_path), "--out", str(tmp_path / "out"), "--machine", key]
     assert command.main(given) == 2
     assert ("there is no machine 'nobody'" in (said := capsys.readouterr().err)) or "has no go2_legs" in said
+
+
+def test_the_page_of_the_documentation_has_its_place_for_the_table() -> None:
+    before, _, rest = Path("docs/ablation.md").read_text("utf-8").partition(BEGIN)
+    assert before.startswith("# Which rules decide anything") and "| named |" in rest.partition(END)[0]
