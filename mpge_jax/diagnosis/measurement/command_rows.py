@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.whitening import LATE, Whitener, nuisances, robust_loss, whitener
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio
-from mpge_jax.diagnosis.recordings.rows.late_rows import a_row_earlier
+from mpge_jax.diagnosis.recordings.rows.late_rows import commands_moved, rows_after
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -20,16 +20,16 @@ WINDOWS, FEWEST, ITERATIONS = 60, 4, 4
 
 
 def with_earlier_commands(p: Prepared) -> Prepared:
-    """The same with every command on the row before, where it was given, but of actuators whose force was measured: it
-    drives them, and what their commands did was told before."""
-    commanded = ~p.measured
+    """The same with every command on the row before, where it was given."""
+    return p.mapped(lambda s: with_commands_moved(s, 1, p.measured))
 
-    def again(s: Source) -> Source:
-        command = s.command.copy()
-        command[:-1, commanded] = s.command[1:, commanded]
-        return s.rebuilt(command=command, recording=a_row_earlier(s.recording, commanded))
 
-    return p.mapped(again)
+def with_commands_moved(s: Source, by: int | Array, measured: Array) -> Source:
+    """The same with the commands of each row `by` ([T]) rows earlier, but of actuators whose force was measured [nu]:
+    it drives them, and what their commands did was told before."""
+    command = s.command.copy()
+    command[:, ~measured] = s.command[rows_after(s.recording, by)][:, ~measured]
+    return s.rebuilt(command=command, recording=commands_moved(s.recording, by, ~measured))
 
 
 def rows_are_late(p: Prepared, f: Fitted) -> bool:
@@ -41,8 +41,8 @@ def rows_are_late(p: Prepared, f: Fitted) -> bool:
     train, held = ([_cut(q, part) for q in both] for part in ("train", "choice"))
     if min(w.count for w in (*train, *held)) < FEWEST:
         return False
-    now, then = (_fitted(p, f, w) for w in train)
-    white = _white(p, then, held[1])
+    now, then = (fitted_anew(p, f, w) for w in train)
+    white = that_sees_when(p, then, held[1])
     before, after = (
         robust_loss(evaluate(p.sim, [g], w, white)[0].x) for g, w in zip((now, then), held, strict=True)
     )
@@ -53,11 +53,11 @@ def _cut(p: Prepared, part: Part) -> Windows:
     return p.windows(part, p.config.decide_s, WINDOWS, seed=31)
 
 
-def _fitted(p: Prepared, f: Fitted, w: Windows) -> Fitted:
-    return fit(p.sim, [f], w, _white(p, f, w), iterations=ITERATIONS)[0] if f.theta.size else f
+def fitted_anew(p: Prepared, f: Fitted, w: Windows) -> Fitted:
+    return fit(p.sim, [f], w, that_sees_when(p, f, w), iterations=ITERATIONS)[0] if f.theta.size else f
 
 
-def _white(p: Prepared, f: Fitted, w: Windows) -> Whitener:
+def that_sees_when(p: Prepared, f: Fitted, w: Windows) -> Whitener:
     """Sees past what is no physics, but for the moment of the commands: that is what is asked."""
     h, theta = f.hypothesis, f.theta
     other = {kind: x for kind, x in nuisances(p.sim, h, theta, w).items() if kind != LATE}

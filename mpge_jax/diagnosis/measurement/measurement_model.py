@@ -11,11 +11,15 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.measurement.command_rows import rows_are_late, with_earlier_commands
 from mpge_jax.diagnosis.measurement.commands_clock import common_delay, describe_clock, with_later_commands
 from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival, arrivals, moved, with_arrivals
+from mpge_jax.diagnosis.measurement.drifting_rows import rows_earlier, with_rows_moved
 from mpge_jax.diagnosis.measurement.encoder_zeros import describe_zeros, other_zeros, with_zeros
 from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
 from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age
 from mpge_jax.diagnosis.recordings.rows.late_rows import MOST, READ_SO
 from mpge_jax.diagnosis.selection.procedure import Found
+
+ROUNDS = 3
+"""How often the rows of drifting clocks are told, each time given those of before."""
 
 
 @dataclass(frozen=True)
@@ -55,20 +59,27 @@ class MeasurementModel:
         return None if finer is self.at_rows else replace(self.given(found.fit), at_rows=finer)
 
     def with_moved_rows(self, found: Found) -> MeasurementModel | None:
-        """With every command on the row before, or on one earlier, where what was found predicts better so; else
-        None."""
+        """With every command on the row before, or on one earlier, where what was found predicts better so; and where
+        that is known of the rows, with those of some logs and times otherwise than of others, as what was found tells.
+        Else None."""
         nothing = not found.fit.hypothesis.terms and found.left is None
-        if nothing or READ_SO in self.at_rows.warnings:
+        if nothing:
             return None
         moved = self
-        for _ in range(MOST):
-            if not rows_are_late(moved.read(), found.fit):
-                break
-            moved = replace(moved, at_rows=with_earlier_commands(moved.at_rows))
-        if moved is self:
-            return None
-        moved.at_rows.warnings.append(READ_SO)
-        return moved.given(found.fit)
+        if READ_SO not in self.at_rows.warnings:
+            for _ in range(MOST):
+                if not rows_are_late(moved.read(), found.fit):
+                    break
+                moved = replace(moved, at_rows=with_earlier_commands(moved.at_rows))
+            if moved is not self:
+                moved.at_rows.warnings.append(READ_SO)
+        elif found.left is not None:
+            for _ in range(ROUNDS):
+                by = rows_earlier(moved.read(), found.fit)
+                if by is None:
+                    break
+                moved = replace(moved, at_rows=with_rows_moved(moved.at_rows, by))
+        return None if moved is self else moved.given(found.fit)
 
     def with_moved_clock(self, found: Found) -> MeasurementModel | None:
         """With commands later by what all their delays have in common, where that may be their clock's; else None."""

@@ -29,6 +29,7 @@ class Recording:
         before: s at its beginning that are not shown, because they belong to another part of the log or told something
             about the rest: they say how what follows began.
         clock_within: s by which commands that came on a clock of their own may all be stamped wrong.
+        moved: [T] rows by which the log had each row's command later; None: none.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Recording:
     part_of: str = ""
     before: float = 0.0
     clock_within: float = 0.0
+    moved: Array | None = field(default=None, compare=False, repr=False)
 
     @property
     def first_shown(self) -> int:
@@ -87,6 +89,7 @@ def rows_of(r: Recording, rows: slice, name: str) -> Recording:
         qvel=cut(r.qvel),
         ctrl=cut(r.ctrl),
         force=cut(r.force),
+        moved=cut(r.moved),
     )
 
 

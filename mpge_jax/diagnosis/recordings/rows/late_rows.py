@@ -48,14 +48,29 @@ def without_previous_commands(
     return [_read_so(r, before[r.name]) for r in recordings], [READ_SO, *_other_than_one(before)]
 
 
-def a_row_earlier(r: Recording, actuators: slice | Array) -> Recording:
-    """The same with the commands of some actuators a row earlier, the last one repeated."""
+def commands_moved(r: Recording, by: int | Array, actuators: slice | Array) -> Recording:
+    """The same with the commands of some actuators of each row `by` ([T]) rows earlier, the last one repeated; those of
+    what came before it as its first ones."""
     if r.ctrl is None:
         return r
     ctrl = r.ctrl.copy()
-    ctrl[:-1, actuators] = r.ctrl[1:, actuators]
-    before = None if r.earlier is None else a_row_earlier(r.earlier, actuators)
-    return replace(r, ctrl=ctrl, earlier=before)
+    ctrl[:, actuators] = r.ctrl[rows_after(r, by)][:, actuators]
+    first = int(np.broadcast_to(by, r.time.shape)[0])
+    before = None if r.earlier is None else commands_moved(r.earlier, first, actuators)
+    return replace(r, ctrl=ctrl, earlier=before, moved=moves_of(r) + by)
+
+
+def moves_of(r: Recording) -> Array:
+    """Rows [T] by which the log had each row's command later."""
+    return np.zeros(r.time.size, int) if r.moved is None else r.moved
+
+
+def rows_after(r: Recording, by: int | Array) -> Array:
+    """The row [T] at which that command stands that the log had `by` ([T]) rows later than each row's, or else the
+    nearest one."""
+    rows, moves = np.arange(r.time.size), moves_of(r)
+    logged = np.maximum.accumulate(rows + moves)
+    return np.minimum(np.searchsorted(logged, rows + moves + by), rows.size - 1)
 
 
 def _read_so(r: Recording, before: Array) -> Recording:
@@ -65,8 +80,8 @@ def _read_so(r: Recording, before: Array) -> Recording:
         return r
     at = np.arange(r.time.size) + before
     logged = slice(0, max(int(np.sum(at < r.time.size)), FEWEST_ROWS))
-    moved = replace(r, ctrl=r.ctrl[np.minimum(at, r.time.size - 1)])
-    keys = ("time", "qpos", "qvel", "ctrl", "force")
+    moved = replace(r, ctrl=r.ctrl[np.minimum(at, r.time.size - 1)], moved=before)
+    keys = ("time", "qpos", "qvel", "ctrl", "force", "moved")
     return replace(moved, **{k: v[logged] for k in keys if (v := getattr(moved, k)) is not None})
 
 
@@ -111,9 +126,9 @@ class _Shifts:
 
     def likeliest(self) -> Array:
         """Rows [R] by which commands moved, by turns with what a command does, from that of the mean lag on."""
-        k = _least_changing(self._costs(self.late))
+        k = least_changing(self._costs(self.late))
         for _ in range(ROUNDS):
-            new = _least_changing(self._costs({a: x[k, self.at] for a, x in self.means.items()}))
+            new = least_changing(self._costs({a: x[k, self.at] for a, x in self.means.items()}))
             if np.array_equal(new, k):
                 break
             k = new
@@ -130,15 +145,14 @@ class _Shifts:
         return costs / (2 * self.driven.s)
 
 
-def _least_changing(cost: Array) -> Array:
-    """The state [R] at each row for which the sum of `cost` [states, R], and of what changes cost, is least
-    (Viterbi)."""
+def least_changing(cost: Array, change: float = SHARP) -> Array:
+    """The state at each row for which the sum of `cost` [states, R], and of what changes cost, is least (Viterbi)."""
     total, came = cost[:, 0].copy(), np.empty(cost.shape, int)
     for t in range(1, cost.shape[1]):
         best = int(total.argmin())
-        changes = total[best] + SHARP < total
+        changes = total[best] + change < total
         came[:, t] = np.where(changes, best, np.arange(total.size))
-        total = np.where(changes, total[best] + SHARP, total) + cost[:, t]
+        total = np.where(changes, total[best] + change, total) + cost[:, t]
     states = np.empty(cost.shape[1], int)
     states[-1] = int(total.argmin())
     for t in range(cost.shape[1] - 1, 0, -1):

@@ -10,7 +10,7 @@ import pytest
 
 from mpge_jax.diagnosis import Recording
 from mpge_jax.diagnosis.recordings.command_lag import SHARP
-from mpge_jax.diagnosis.recordings.rows.late_rows import READ_SO, _least_changing, without_previous_commands
+from mpge_jax.diagnosis.recordings.rows.late_rows import READ_SO, least_changing, without_previous_commands
 from tests.diagnosis.machines import ARM, record
 
 MODEL = mujoco.MjModel.from_xml_string(ARM)
@@ -103,6 +103,6 @@ def test_a_change_must_be_worth_its_cost():
     cost[1, :3] = SHARP
     cost[0, 3:] = 0.4 * SHARP
     # staying at 0 costs 1.2 SHARP, one change SHARP
-    assert _least_changing(cost).tolist() == [0, 0, 0, 1, 1, 1]
+    assert least_changing(cost).tolist() == [0, 0, 0, 1, 1, 1]
     cost[0, 3:] = 0.3 * SHARP
-    assert _least_changing(cost).tolist() == [0] * 6
+    assert least_changing(cost).tolist() == [0] * 6
