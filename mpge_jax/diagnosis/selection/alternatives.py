@@ -14,6 +14,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, evaluate, fit, slopes_of
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, better_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
+from mpge_jax.diagnosis.evidence.common_delay import by_a_common_delay
 from mpge_jax.diagnosis.evidence.common_factor import by_a_common_factor
 from mpge_jax.diagnosis.evidence.joints_of_place import first_joints, next_to
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio, odds
@@ -78,7 +79,7 @@ def find_rivals(
             other = next((t for t in r.fit.hypothesis.terms if t not in without.terms), None)
             if other is not None:
                 rivals.append(_compare(s, best, term, r, other))
-        rivals += _by_a_common_factor(s, best, whites, term)
+        rivals += _all_at_once(s, best, whites, term)
         out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
 
@@ -120,8 +121,9 @@ def _instead(
         near += [f for f in fits if f.hypothesis in alike - {x.hypothesis for x in near}]
         near += [f for t in candidates if (f := carried_over(ctx, best.fit, term, t)) is not None]
         near = _beside_the_same(s, best.fit, near, sample)
-        nearest = min(near, key=lambda f: f.loss, default=None)
-        if many and nearest is not None:
+        if many and near:
+            # nor what is worse there already than what was chosen
+            nearest = min([*near, *evaluate(s.sim, [best.fit], *sample)], key=lambda f: f.loss)
             near = [f for f in near if f.hypothesis in alike or not _worse(f, nearest)]
         settled = {f.hypothesis for f in near}
         far = [f for f in fits if f.hypothesis not in settled]
@@ -181,21 +183,26 @@ def unaffected(
     }
 
 
-def _by_a_common_factor(
-    s: Search, best: Scored, whites: tuple[Whitener, Whitener], term: Term
-) -> list[Rival]:
-    """All drives weaker in place of all masses times a factor, with which they tie where nothing given resists; and all
-    masses in place of the gains of all drives, which is simpler."""
-    other_way = by_a_common_factor(s.sim.ctx, s.terms, best.fit, term)
-    if other_way is None:
-        return []
-    start, (other, *beside) = other_way
-    scored = s.score(fit(s.sim, [start], s.train, whites[0], iterations=6), whites)[0]
-    rival = _compare(s, best, term, scored, other, *beside)
-    fewer = len(start.hypothesis.terms) < len(best.fit.hypothesis.terms)
-    if fewer and not beyond_doubt(rival.margin):
-        return [replace(rival, why_not=FEWER, tied=False, better=True)]
-    return [rival]
+def _all_at_once(s: Search, best: Scored, whites: tuple[Whitener, Whitener], term: Term) -> list[Rival]:
+    """What ties with a term only where it acts everywhere: all drives weaker with all masses times a factor, where
+    nothing given resists, than which all masses are simpler; all commands late with all encoders late."""
+    out = []
+    for in_its_place in (by_a_common_factor, by_a_common_delay):
+        other_way = in_its_place(s.sim.ctx, s.terms, best.fit, term)
+        if other_way is None:
+            continue
+        start, (other, *beside) = other_way
+        # what is known of a start means another thing where encoders are late
+        its = s.whiten_one(start, s.train, whites[0].factor), s.whiten_one(start, s.held, whites[1].factor)
+        scored = s.score(fit(s.sim, [start], s.train, its[0], iterations=6), its)[0]
+        rival = _compare(s, best, term, scored, other, *beside)
+        simpler = in_its_place is by_a_common_factor and len(start.hypothesis.terms) < len(
+            best.fit.hypothesis.terms
+        )
+        if simpler and not beyond_doubt(rival.margin):
+            rival = replace(rival, why_not=FEWER, tied=False, better=True)
+        out.append(rival)
+    return out
 
 
 def _richer(
