@@ -13,13 +13,13 @@ from mpge_jax.diagnosis.report.figures.every_figure import draw
 from mpge_jax.diagnosis.report.html_page import page
 from mpge_jax.diagnosis.report.next_experiment import design
 from mpge_jax.diagnosis.report.tables import diagnosis_table, effects_table
-from mpge_jax.diagnosis.verdict.result import Result, candidates_of
+from mpge_jax.diagnosis.verdict.result import Result, ties_of
 
 
 def write(d: Result, folder: Path) -> None:
     """Write every file; the folder is made if it does not exist."""
     folder.mkdir(parents=True, exist_ok=True)
-    experiment = design(d, candidates_of(d), folder / "next_experiment.npz")
+    experiment = design(d, {terms[0]: fits for terms, fits in ties_of(d)}, folder / "next_experiment.npz")
     table, effects = diagnosis_table(d, experiment), effects_table(d)
     files.write_text(folder / "effects.json", json.dumps(effects, indent=1, allow_nan=False))
     models = write_models(d, folder)

@@ -22,7 +22,7 @@ from mpge_jax.diagnosis.report.error_words import (
     worse_without,
 )
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel
-from mpge_jax.diagnosis.verdict.result import Result, candidates_of
+from mpge_jax.diagnosis.verdict.result import Result, ties_of
 
 SEVERAL = 3
 """Places from which on one effect is told for all of them in a sentence."""
@@ -61,17 +61,28 @@ def _said_together(d: Result, terms: list[Term]) -> str:
 def _of_effects(d: Result) -> Iterator[tuple[float, str]]:
     """A sentence for every effect, or for several that are alike, with the largest share of the error that goes with
     one of them."""
-    ambiguous = candidates_of(d)
+    ties = ties_of(d)
+    ambiguous = {t for terms, _ in ties for t in terms}
+    for terms, fits in ties:
+        options = [_option(d, f, _differing(d, f, terms)) for f in fits]
+        yield _share(d, list(terms)), f"The recordings cannot tell which: {', or '.join(options)}."
     alike = _alike([t for t in d.terms if t not in ambiguous], d)
-    for term in d.terms:
-        if term in ambiguous:
-            options = [clause(_said(d, f, _differing(d, f, term))) for f in ambiguous[term]]
-            yield _share(d, [term]), f"The recordings cannot tell which: {', or '.join(options)}."
-        elif term not in alike:
+    for term in (t for t in d.terms if t not in ambiguous):
+        if term not in alike:
             text = _said(d, d.fit, term)
             yield _share(d, [term]), text[0].upper() + text[1:]
         elif term is alike[term][0]:
             yield _share(d, alike[term]), _said_together(d, alike[term])
+
+
+def _option(d: Result, f: Fitted, terms: list[Term]) -> str:
+    """'the encoder of the wrist reports 0.030 s late', or 'actuator gain of 1.2 at left and 1.2 at right together'."""
+    if len(terms) == 1:
+        return clause(_said(d, f, terms[0]))
+    each = [
+        f"{_listed([quantity(v) for v in parameters(d.ctx, f, t).values()])} at {t.place.name}" for t in terms
+    ]
+    return f"{terms[0].name.replace('_', ' ')} of {_listed(each)} together"
 
 
 def _of_inertias(d: Result) -> list[str]:
@@ -171,10 +182,11 @@ def effect_rows(table: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def _differing(d: Result, f: Fitted, term: Term) -> Term:
-    if term in f.hypothesis.terms:
-        return term
-    return next(t for t in f.hypothesis.named if t not in d.terms)
+def _differing(d: Result, f: Fitted, terms: tuple[Term, ...]) -> list[Term]:
+    """What a fit has of some terms, or else what it has in their place."""
+    here = [t for t in terms if t in f.hypothesis.terms]
+    other = here or [t for t in f.hypothesis.named if t not in d.terms]
+    return [t for t in other if t.id == other[0].id]
 
 
 def alone(places: list[str]) -> str:
@@ -185,9 +197,9 @@ def alone(places: list[str]) -> str:
     )
 
 
-def separation(d: Result, term: Term, fits: list[Fitted]) -> str:
+def separation(d: Result, terms: tuple[Term, ...], fits: list[Fitted]) -> str:
     """The experiment that would tell the candidates apart."""
-    others = [_differing(d, f, term) for f in fits]
+    others = [t for f in fits for t in _differing(d, f, terms)]
     places = list(dict.fromkeys(t.place.name for t in others))
     movable = all(t.place.kind in ("joint", "actuator", "body") for t in others)
     if movable and len(places) > 1 and len({t.name for t in others}) == 1:

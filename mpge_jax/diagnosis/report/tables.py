@@ -21,7 +21,7 @@ from mpge_jax.diagnosis.report.sentences import alone, explanation, separation
 from mpge_jax.diagnosis.residual.model import ResidualModel
 from mpge_jax.diagnosis.verdict.location import locate
 from mpge_jax.diagnosis.verdict.part_of_unknown import UNKNOWN
-from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, candidates_of
+from mpge_jax.diagnosis.verdict.result import Result, before_after_noise, ties_of
 
 Array = np.ndarray
 
@@ -37,7 +37,8 @@ def _set(d: Result, f: Fitted) -> list[dict[str, Any]]:
 def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -> dict[str, Any]:
     """The contents of `diagnosis.json`. experiment: what `next_experiment.design` found."""
 
-    ambiguous = candidates_of(d)
+    ties = ties_of(d)
+    ambiguous = {t for terms, _ in ties for t in terms}
     effects = []
     for term in d.terms:
         if term in ambiguous and d.verdict == "ambiguous":
@@ -62,10 +63,10 @@ def diagnosis_table(d: Result, experiment: Mapping[str, object] | None = None) -
         "ambiguous": [
             {
                 "candidates": [_set(d, f) for f in fits],
-                "separated_by": separation(d, term, fits),
+                "separated_by": separation(d, terms, fits),
                 "experiment": "next_experiment.npz" if experiment is not None else None,
             }
-            for term, fits in ambiguous.items()
+            for terms, fits in ties
         ]
         + _parts_of_unknown(d, effects),
         "unexplained": None

@@ -10,7 +10,7 @@ from mpge_jax.diagnosis.config import Config
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide
 from mpge_jax.diagnosis.effects.context import Context
-from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import inertia_factors
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
@@ -86,6 +86,15 @@ def candidates_of(d: Result) -> dict[Term, list[Fitted]]:
         if tied:
             out[term] = [d.fit, *tied]
     return out
+
+
+def ties_of(d: Result) -> list[tuple[tuple[Term, ...], list[Fitted]]]:
+    """What the data cannot tell apart: chosen terms with the fits that hold them or others, several where only all of
+    them together have something in their place."""
+    ties: dict[tuple[Hypothesis, ...], tuple[list[Term], list[Fitted]]] = {}
+    for term, fits in candidates_of(d).items():
+        ties.setdefault(tuple(f.hypothesis for f in fits), ([], fits))[0].append(term)
+    return [(tuple(terms), fits) for terms, fits in ties.values()]
 
 
 def before_after_noise(report: FitReport | ForceErrors) -> tuple[float, float, float]:

@@ -26,7 +26,8 @@ from mpge_jax.diagnosis.report.markdown_page import window_errors
 from mpge_jax.diagnosis.report.sentences import explanation
 from mpge_jax.diagnosis.report.tables import effects_table
 from mpge_jax.diagnosis.selection.alternatives import _one_each
-from tests.diagnosis.machines import PENDULUM
+from mpge_jax.diagnosis.verdict.result import ties_of
+from tests.diagnosis.machines import ARM, PENDULUM
 
 
 def test_forms_of_a_rival_are_one_entry_and_ties_win():
@@ -262,3 +263,37 @@ def test_an_effect_of_many_joints_is_told_in_one_sentence():
     assert sentences._said_together(d, told[damped[0]]) == (
         "Viscous damping that the model lacks: 1.000 N m s/rad at j0, 2.000 N m s/rad at j1 and 3.000 N m s/rad at j2."
     )
+
+
+def test_what_ties_only_all_together_is_one_question():
+    ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(ARM)))
+    joints = [Place("joint", name, i) for i, name in enumerate(("shoulder", "elbow"))]
+    motors = [Place("actuator", name, i) for i, name in enumerate(("shoulder_motor", "elbow_servo"))]
+    sensors = [Term("sensor_delay", j) for j in joints]
+    drives = [Term("actuator_delay", a) for a in motors]
+
+    def late(terms: list[Term]) -> Fitted:
+        return Fitted(Hypothesis.of(*terms), np.full(2, 0.03), np.zeros(2), 1e-8 * np.eye(2))
+
+    # fitted for each of them
+    rivals = {t: [Rival(drives[i], late(drives), 0.0, "", True)] for i, t in enumerate(sensors)}
+    d = SimpleNamespace(
+        ctx=ctx,
+        fit=late(sensors),
+        terms=tuple(sensors),
+        rivals=rivals,
+        error_drop=dict.fromkeys(sensors, 1.0),
+    )
+    ((terms, fits),) = ties_of(d)
+    assert terms == tuple(sensors) and len(fits) == 2
+    ((_, text),) = sentences._of_effects(d)
+    assert text == (
+        "The recordings cannot tell which: sensor delay of 0.03000 s at shoulder and 0.03000 s at elbow together, or "
+        "actuator delay of 0.03000 s at shoulder_motor and 0.03000 s at elbow_servo together."
+    )
+    assert "second" in sentences.separation(d, terms, fits)
+    # each with a rival of its own is a question of its own
+    d.rivals = {
+        t: [Rival(drives[i], late([sensors[1 - i], drives[i]]), 0.0, "", True)] for i, t in enumerate(sensors)
+    }
+    assert [terms for terms, _ in ties_of(d)] == [(t,) for t in sensors]

@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.report.figures.marks import Mark
 from mpge_jax.diagnosis.report.figures.residual_figure import residual
 from mpge_jax.diagnosis.report.figures.robot_picture import robot
 from mpge_jax.diagnosis.verdict.location import locate
-from mpge_jax.diagnosis.verdict.result import Result, candidates_of
+from mpge_jax.diagnosis.verdict.result import Result, ties_of
 
 
 def location(d: Result, path: Path) -> Path:
@@ -48,7 +48,7 @@ def marks(d: Result) -> list[Mark]:
         return Mark(place.kind, place.index, text)
 
     out = [mark(term) for term in d.terms]
-    for fits in candidates_of(d).values():
+    for _, fits in ties_of(d):
         out += [mark(t, "or ") for f in fits for t in f.hypothesis.named if t not in d.terms]
     if d.actuators is not None:
         out += [mark(term) for f in d.actuators.fits for term in f.hypothesis.terms]
