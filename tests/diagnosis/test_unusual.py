@@ -108,7 +108,7 @@ def test_single_transitions_are_recordings(plain_functions):
     config = Config(jobs=1, effects=("coulomb_friction", *MISTAKEN_FOR_FRICTION))
     assert diagnose(spec, _transitions(0.0), config).verdict == "none"
     d = diagnose(spec, _transitions(0.15), config)
-    assert [(t.id, t.place.name) for t in d.terms] == [("coulomb_friction", "hinge")]
+    assert [(t.name, t.place.name) for t in d.terms] == [("coulomb_friction", "hinge")]
     assert d.fit.theta[0] == pytest.approx(0.15, rel=0.05)
 
 

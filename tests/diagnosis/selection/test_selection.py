@@ -118,7 +118,7 @@ def test_two_effects_are_found_and_weighed_after_long_work():
     }
     s.terms = [t for t in s.terms if t.name in likely]
     f, last = search(s)
-    assert {(t.id, t.place.name) for t in f.hypothesis.terms} == {
+    assert {(t.name, t.place.name) for t in f.hypothesis.terms} == {
         ("actuator_gain", "shoulder_motor"),
         ("coulomb_friction", "elbow"),
     }
