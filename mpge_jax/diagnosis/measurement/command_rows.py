@@ -38,7 +38,7 @@ def rows_are_late(p: Prepared, f: Fitted) -> bool:
     if p.measured.all():
         return False
     both = p, with_earlier_commands(p)
-    train, held = ([_cut(q, part) for q in both] for part in ("train", "choice"))
+    train, held = ([windows_of(q, part) for q in both] for part in ("train", "choice"))
     if min(w.count for w in (*train, *held)) < FEWEST:
         return False
     now, then = (fitted_anew(p, f, w) for w in train)
@@ -49,11 +49,13 @@ def rows_are_late(p: Prepared, f: Fitted) -> bool:
     return beyond_doubt(log_ratio(before - after))
 
 
-def _cut(p: Prepared, part: Part) -> Windows:
+def windows_of(p: Prepared, part: Part) -> Windows:
+    """Those in which it is asked where commands belong."""
     return p.windows(part, p.config.decide_s, WINDOWS, seed=31)
 
 
 def fitted_anew(p: Prepared, f: Fitted, w: Windows) -> Fitted:
+    """`f` with its parameters fitted to windows."""
     return fit(p.sim, [f], w, that_sees_when(p, f, w), iterations=ITERATIONS)[0] if f.theta.size else f
 
 

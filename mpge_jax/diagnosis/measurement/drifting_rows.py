@@ -12,7 +12,12 @@ from mpge_jax.diagnosis.dataset.cut_windows import cut
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
-from mpge_jax.diagnosis.measurement.command_rows import fitted_anew, that_sees_when, with_commands_moved
+from mpge_jax.diagnosis.measurement.command_rows import (
+    fitted_anew,
+    that_sees_when,
+    windows_of,
+    with_commands_moved,
+)
 from mpge_jax.diagnosis.recordings.rows.late_rows import least_changing, moves_of
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
@@ -22,9 +27,8 @@ from mpge_jax.diagnosis.thresholds import SURE
 Array = np.ndarray
 MOVES = (-2, -1, 0, 1, 2)
 """Rows by which commands are tried earlier than they are read."""
-WINDOWS, TRAINING, MOMENTS = 600, 60, 12
-"""Windows at most, and of those at most that parameters are fitted to; moments at which a change between two of them is
-tried at first, before the rows around the best."""
+WINDOWS, MOMENTS = 600, 12
+"""Windows at most; moments at which a change between two of them is tried at first, before the rows around the best."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ def rows_earlier(p: Prepared, f: Fitted) -> list[Array] | None:
     fitted anew; None where all are to move alike, if at all: no log tells that from a delay."""
     if p.measured.all():
         return None
-    f = fitted_anew(p, f, p.windows("train", p.config.decide_s, TRAINING, seed=31))
+    f = fitted_anew(p, f, windows_of(p, "train"))
     rng = np.random.default_rng([p.config.seed, 37])
     w = cut(p.sources, p.model, p.noise, p.config.decide_s, WINDOWS, p.dt, rng)
     white = that_sees_when(p, f, w)
@@ -63,11 +67,7 @@ def rows_earlier(p: Prepared, f: Fitted) -> list[Array] | None:
         moves, gained = _likeliest(losses[:, its], read)
         if gained > 2.0 * SURE:
             rows = _slipping(p, f, w.take(its), white.take(its), moves)
-            of_log = np.flatnonzero(logs == log)
-            by = [
-                _from(s, rows) if i in of_log else x
-                for i, (s, x) in enumerate(zip(p.sources, by, strict=True))
-            ]
+            by = [_from(s, rows) if s.recording.log == log else x for s, x in zip(p.sources, by, strict=True)]
     return by if np.ptp(np.concatenate(by)) else None
 
 
@@ -115,7 +115,6 @@ def _slipping(p: Prepared, f: Fitted, w: Windows, white: Whitener, moves: Array)
     rows = _Rows(moves[np.append(between, -1)], w.start[between + 1])
     for n, k in enumerate(between):
         pair = np.array([k, k + 1])
-
         time = w.sources[w.source[k]].recording.time
         times = time[slice(*np.searchsorted(time, [w.start[k], w.start[k + 1] + w.times[k + 1].max()]))]
 

@@ -17,6 +17,7 @@ ELASTIC = ":elastic"
 FALLING = ":falling"
 """How the identifier of the form of a law ends that falls from rest to sliding."""
 CREEPING = "coulomb_friction:creeping"
+"""The identifier of plain dry friction that creeps as MuJoCo's own does."""
 GRADUAL = ":gradual"
 """How the identifier of the form of a law ends that sets in gradually with the speed."""
 FALLS_BY = (0.4, 1.2, 4.0)
