@@ -71,6 +71,8 @@ class Effect:
     """Whether the search by simulated windows tries it; else only where motion and force are given."""
     closer: tuple[str, ...] = ()
     """How the identifiers of its closer forms end (see `closer.Closer`), in the order in which they are tried."""
+    form_of: str = ""
+    """The identifier of the effect of which it is another form, with the same parameters: no candidate by itself."""
     named = True
     """Whether it is physics that a verdict names; else it corrects what is given."""
     senses = False

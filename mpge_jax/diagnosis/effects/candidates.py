@@ -20,7 +20,6 @@ EXCLUSIVE = (
         "load_dependent_friction:gear",
         "asymmetric_friction",
         "coulomb_friction:behind_gap",
-        "coulomb_friction:creeping",
     ),
     ("viscous_damping", "viscous_damping:explicit"),
     ("actuator_gain", "actuator_gain:limited", "dead_actuator"),
@@ -41,7 +40,8 @@ def all_terms(
     Raises:
         InputError: an identifier is not in the registry.
     """
-    chosen = list(REGISTRY) if ids is None else [r for i in ids for r in REGISTRY if r.partition(":")[0] == i]
+    able = [i for i, effect in REGISTRY.items() if not effect.form_of]
+    chosen = able if ids is None else [r for i in ids for r in able if r.partition(":")[0] == i]
     known = [i for i in REGISTRY if ":" not in i]
     unknown = [] if ids is None else [i for i in ids if i not in known]
     if unknown:

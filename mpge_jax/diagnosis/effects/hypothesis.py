@@ -31,9 +31,9 @@ class Term:
 
     @property
     def plain(self) -> str:
-        """The identifier of the effect of which this is the closer form, else its own."""
+        """The identifier of the effect of which this is another form, else its own."""
         effect = self.effect
-        return effect.plain.id if isinstance(effect, Closer) else self.id
+        return effect.plain.id if isinstance(effect, Closer) else effect.form_of or self.id
 
     @property
     def turn(self) -> tuple[int, str, str, int]:

@@ -10,7 +10,6 @@ from scipy.special import erf
 
 from mpge_jax.diagnosis.effects.base import Effect
 from mpge_jax.diagnosis.effects.friction.damping import ExplicitDamping
-from mpge_jax.diagnosis.effects.friction.dry import CreepingFriction
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.step import Forces, Step
 from mpge_jax.diagnosis.force_balance.tracks import Track
@@ -43,11 +42,7 @@ def can_ask(term: Term) -> bool:
     if e.side == "actuator":
         return e.id in MEASURES
     remembers = type(e).memory is not Effect.memory
-    return (
-        not e.jagged
-        and not isinstance(e, (ExplicitDamping, CreepingFriction))
-        and (not remembers or e.traced)
-    )
+    return not e.jagged and not isinstance(e, ExplicitDamping) and (not remembers or e.traced)
 
 
 def needed(machine: Machine, track: Track, known: dict[Key, Rigid] | None = None) -> Array:

@@ -21,29 +21,38 @@ from mpge_jax.diagnosis.selection.criteria import moves, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import NAMED
 
-ITERATIONS, CREEPS = 12, 4
+ITERATIONS, SETS_IN = 12, 4
+STICKING = "coulomb_friction"
 
 
 def closer(s: Search, current: Fitted) -> Fitted:
     """`current` with closer forms of its effects where held-out windows are predicted better so beyond doubt: the first
     forms of all effects together, then the second ones, be it in place of the first. A form that stands without what it
     shows beside is tried once more with it."""
+    if not at_noise(s, current, s.whiten_one(current, s.train)):
+        current = as_dry_friction_sets_in(s, current)
     for turn in range(max((len(REGISTRY[t.plain].closer) for t in current.hypothesis.terms), default=0)):
         current = _with_better(s, current, _forms(s, current, turn))
     return _one_for_two(s, current)
 
 
-def as_mujoco_creeps(s: Search, f: Fitted) -> Fitted:
-    """`f` with plain dry friction that creeps as MuJoCo's own does, in all joints alike, where windows are predicted
-    better so beyond doubt: how it sets in is no other effect, but moves the sizes of what acts beside it."""
+def as_dry_friction_sets_in(s: Search, f: Fitted) -> Fitted:
+    """`f` with plain dry friction that sticks, or creeps as MuJoCo's own does, in all joints alike, where windows are
+    predicted better so beyond doubt: which of the two it is makes no other effect, but moves the sizes of what acts
+    beside it."""
     ctx, parts = s.sim.ctx, f.hypothesis.split(s.sim.ctx, f.theta)
-    plain = [t for t in parts if t.id == "coulomb_friction"]
+    plain = [t for t in parts if t.id in (STICKING, CREEPING)]
     if not plain:
         return f
-    start = _exchanged(ctx, f, {t: (Term(CREEPING, t.place), parts[t]) for t in plain})
+    other = CREEPING if any(t.id == STICKING for t in plain) else STICKING
+    start = _exchanged(ctx, f, {t: (Term(other, t.place), parts[t]) for t in plain})
     whites = s.whiten(f)
-    creeps, holds = s.score(fit(s.sim, [start, f], s.train, whites[0], iterations=CREEPS), whites)
-    return creeps.fit if beyond_doubt(evidence(creeps, holds)) else f
+    # what else moves, and what its torques do, is all but the same in both
+    slopes = dict(slopes_of(s.sim, f, s.train, whites[0]))
+    slopes |= {Term(other, t.place): slopes[t] for t in plain}
+    fits = fit(s.sim, [start, f], s.train, whites[0], iterations=SETS_IN, slopes=slopes, anew=False)
+    changed, as_is = s.score(fits, whites)
+    return changed.fit if beyond_doubt(evidence(changed, as_is)) else f
 
 
 def _forms(s: Search, current: Fitted, turn: int) -> dict[Term, Term]:

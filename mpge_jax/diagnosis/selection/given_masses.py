@@ -6,7 +6,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.candidates import plain_form
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
-from mpge_jax.diagnosis.effects.inertia.given import GivenInertias, given_inertias
+from mpge_jax.diagnosis.effects.inertia.given import MOST, GivenInertias, given_inertias
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.inexact_inertias import with_free_inertias
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.thresholds import NAMED
 Array = np.ndarray
 ITERATIONS = 8
 TOGETHER = 3
+FACTOR = "mass_scale"
 
 
 def as_given(s: Search, f: Fitted) -> Fitted:
@@ -49,13 +50,18 @@ def _share(s: Search) -> float:
 
 
 def _like_masses(s: Search, f: Fitted) -> list[Term]:
-    """Effects that do not differ clearly from nothing where the masses and inertias are free too, and laws of friction
-    that contain plainer ones: where a weight pulls one way, masses pass for what differs by direction."""
+    """Effects that do not differ clearly from nothing where the masses and inertias are free too; a factor of all
+    masses, which is one of theirs, so that slopes cannot tell the two apart; and laws of friction that contain plainer
+    ones: where a weight pulls one way, masses pass for what differs by direction."""
     ctx, free = s.sim.ctx, with_given(s, f)
     if free is not None:
         (free,) = fit(s.sim, [free], s.train, s.whiten_one(f, s.train), iterations=TOGETHER)
-    size, parts = strength(s, free or f), f.hypothesis.split(ctx, f.theta)
-    return [t for t in f.hypothesis.named if size[t] < NAMED or plain_form(ctx, t, parts[t]).keys() - {t}]
+    size, parts, most = strength(s, free or f), f.hypothesis.split(ctx, f.theta), MOST * _share(s)
+
+    def alike(t: Term) -> bool:
+        return size[t] < NAMED or (t.id == FACTOR and abs(float(parts[t][0]) - 1.0) < most)
+
+    return [t for t in f.hypothesis.named if alike(t) or plain_form(ctx, t, parts[t]).keys() - {t}]
 
 
 def _instead(s: Search, f: Fitted, term: Term, given: Term) -> Fitted:
@@ -63,7 +69,7 @@ def _instead(s: Search, f: Fitted, term: Term, given: Term) -> Fitted:
     ctx = s.sim.ctx
     parts, centres = (f.hypothesis.split(ctx, x) for x in (f.theta, f.centre))
     null = given.effect.null(ctx, given.place)
-    factor = np.full_like(null, parts[term][0]) if term.id == "mass_scale" else null
+    factor = np.full_like(null, parts[term][0]) if term.id == FACTOR else null
     plain = plain_form(ctx, term, parts[term])
     h = Hypothesis.of(*f.hypothesis.without(term).terms, *({given, *plain} - set(parts)))
     beside = ((factor, parts), (null, centres))

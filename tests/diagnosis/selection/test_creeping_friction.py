@@ -6,8 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from mpge_jax.diagnosis.effects.friction.dry import CREEPING
+from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
-from mpge_jax.diagnosis.selection.closer_forms import as_mujoco_creeps
+from mpge_jax.diagnosis.selection.closer_forms import as_dry_friction_sets_in, closer
 from tests.diagnosis.machines import ARM, really_sticks, record
 from tests.diagnosis.searches import exported, fitted, search_of
 
@@ -29,14 +31,19 @@ def test_windows_tell_how_dry_friction_sets_in(sticks):
     terms = {str(t): t for t in s.terms}
     start = fitted(s, {terms["coulomb_friction@shoulder"]: [0.2], terms["coulomb_friction@elbow"]: [0.1]})
     plain = fit(s.sim, [start], s.train, s.whiten_one(start, s.train), iterations=4)[0]
-    found = as_mujoco_creeps(s, plain)
+    found = as_dry_friction_sets_in(s, plain)
     if sticks:
         assert found is plain
+        creeps = fitted(
+            s, {Term(CREEPING, t.place): x for t, x in plain.hypothesis.split(s.sim.ctx, plain.theta).items()}
+        )
+        assert as_dry_friction_sets_in(s, creeps).hypothesis == plain.hypothesis
         return
     assert {t.id for t in found.hypothesis.terms} == {"coulomb_friction:creeping"}
     np.testing.assert_allclose(found.theta, TORQUES, rtol=0.005)
-    # what was found stays so, and nobody asks where nothing rubs
-    assert as_mujoco_creeps(s, found) is found
+    # what was found stays so, and is asked for before forms that have more to fit
+    assert as_dry_friction_sets_in(s, found) is found
+    assert closer(s, plain).hypothesis == found.hypothesis
 
 
 def test_the_corrected_model_has_mujocos_own_friction_loss():

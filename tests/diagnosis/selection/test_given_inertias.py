@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
 from mpge_jax.diagnosis.evidence.scored import Scored, evidence, held_out_evidence, hopeful
-from mpge_jax.diagnosis.selection import forward_selection
+from mpge_jax.diagnosis.selection import forward_selection, given_masses
 from mpge_jax.diagnosis.selection.given_masses import as_given
 from tests.diagnosis.machines import ARM, really_sticks, record
 from tests.diagnosis.searches import ARMATURE, COULOMB, GAIN, STRIBECK, fitted, search_of
@@ -80,6 +80,23 @@ def test_a_factor_of_all_masses_is_news_where_masses_are_not_off_by_as_much(fact
         assert masses == pytest.approx(factor, abs=0.01)
         # it was fitted under the prior that has them as given, and has them already
         assert (told.centre == 1.0).all() and as_given(s, told) is told
+
+
+def test_a_factor_of_all_masses_that_theirs_can_be_is_asked_however_sure_slopes_are_of_it(monkeypatch):
+    """Finite differences of the one and of the others are not quite alike, so that it seems to be known apart."""
+
+    def change(model: mujoco.MjModel) -> None:
+        model.body_mass[:] *= 0.98
+        model.body_inertia[:] *= 0.98
+
+    s, _ = search_of(ARM, record(ARM, [4.0, 0.8], change=change))
+    monkeypatch.setattr(given_masses, "strength", lambda _s, f: dict.fromkeys(f.hypothesis.terms, np.inf))
+    scale = next(t for t in s.terms if t.id == "mass_scale")
+    assert not as_given(s, fitted(s, {scale: [0.98]})).hypothesis.named
+    asked: list[Term] = []
+    monkeypatch.setattr(given_masses, "_instead", lambda _s, f, t, _given: asked.append(t) or f)
+    as_given(s, fitted(s, {scale: [0.88]}))
+    assert not asked
 
 
 @pytest.mark.parametrize("form", [[], [0.02]], ids=["a point", "extended"])

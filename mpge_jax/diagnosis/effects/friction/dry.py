@@ -70,10 +70,10 @@ class CoulombFriction(Dry):
 class CreepingFriction(CoulombFriction):
     """The same as MuJoCo has it by itself: `frictionloss` with the given model's own softness, by default one with
     which a joint creeps that should stick. A machine that was simulated has it so, and what rubs in grease nearly does.
-    It is no candidate by itself: it is asked for where the plain one stands.
+    It is asked for where the plain one stands.
     """
 
-    id, closer, simulated = CREEPING, (), False
+    id, form_of, closer = CREEPING, CoulombFriction.id, ()
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("dof_frictionloss", ctx.dof(place), theta[..., 0])
