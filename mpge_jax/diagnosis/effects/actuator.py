@@ -223,6 +223,7 @@ class BackEmf(_Linear):
     id, order = "back_emf", 2
     equation = "tau = k (V - ke v)"
     says = "The actuator {at} loses force with speed, as a motor's back-EMF makes it: {coefficient}."
+    says_less = "The model has {coefficient} too much back-EMF in the actuator {at}."
     confused_with = ("viscous_damping",)
     remedy = "compare coasting with the drive switched off to powered motion, or measure the motor's current"
 
@@ -242,13 +243,19 @@ class BackEmf(_Linear):
         speed = max(float(ctx.speed[m.jnt_dofadr[m.actuator_trnid[a, 0]]]), 1e-3)
         scale = 0.1 * _size(ctx, place) / abs(float(m.actuator_gainprm[a, 0])) / speed
         unit = "command s/m" if _pulls(m, a) else "command s/rad"
-        return (Param("coefficient", unit, 0.0, 500 * scale, scale),)
+        given = -float(m.actuator_biasprm[a, 2]) / self._by(ctx, place)
+        return (Param("coefficient", unit, min(-given, 0.0), 500 * scale, scale),)
+
+    @staticmethod
+    def _by(ctx: Context, place: Place) -> float:
+        """What a coefficient of one takes from `biasprm[2]`."""
+        m, a = ctx.model, place.index
+        return float(m.actuator_gainprm[a, 0]) / float(m.actuator_gear[a, 0])
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
-        m, a = ctx.model, place.index
+        a = place.index
         f.set("actuator_biastype", (a,), _AFFINE)
-        k = float(m.actuator_gainprm[a, 0]) / float(m.actuator_gear[a, 0])
-        f.add("actuator_biasprm", (a, 2), -k * theta[..., 0])
+        f.add("actuator_biasprm", (a, 2), -self._by(ctx, place) * theta[..., 0])
 
 
 @register

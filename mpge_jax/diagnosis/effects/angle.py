@@ -14,6 +14,8 @@ from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 LEAST_FREE, FEWEST_ANGLES = 0.05, 50
 """Share of a joint's force that no contact could make instead, from which a sample tells about it, and how many such
 samples it takes."""
+LOOSEST = 0.999
+"""Share of the model's spring, at most, of which there may be too much."""
 AT_ONCE = 64
 """Numbers of periods that are tried at once."""
 A_TURN, IN_TRAVEL = 80.0, 2.0 * np.pi * 40
@@ -55,15 +57,17 @@ class JointStiffness(Effect):
     id, kinds, closer = "joint_stiffness", ("joint",), (HARDENING,)
     equation = "-k (q - q0)"
     says = "A spring of {stiffness} that the model lacks pulls the {at} towards {reference}."
+    says_less = "The model's spring at the {at} is too stiff by {stiffness} (towards {reference})."
     fields = ("jnt_stiffness", "qpos_spring")
     confused_with = ("payload_mass", "cogging_torque")
     remedy = "sweep the joint slowly through its whole range"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         torque, travel = _sizes(ctx, place)
-        k = torque / travel
+        k, given = torque / travel, float(ctx.model.jnt_stiffness[place.index])
+        low = -LOOSEST * given if given > 0.0 else 1e-4 * k
         return (
-            Param("stiffness", joint_unit(ctx, place, "N m/rad", "N/m"), 1e-4 * k, 100 * k, 0.1 * k),
+            Param("stiffness", joint_unit(ctx, place, "N m/rad", "N/m"), low, 100 * k, 0.1 * k),
             Param("reference", joint_unit(ctx, place, "rad", "m"), -50 * torque, 50 * torque, 0.1 * torque),
         )
 

@@ -44,6 +44,9 @@ class Effect:
     equation: str = ""
     says: str = ""
     """One plain sentence for the report, with {at} for the place and the parameters by name."""
+    says_less: str = ""
+    """The same where the model has too much of it: the first parameter is negative then, down to what the model has,
+    and {its name} tells how much too much. Empty: nothing of it is in a model."""
     remedy: str = ""
     """What recording shows the effect best."""
     confused_with: tuple[str, ...] = ()
@@ -230,11 +233,13 @@ class Effect:
         self.model(SpecFields(spec), ctx, place, theta)
         return True
 
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
-        """One plain sentence for the report; `values` are formatted parameters."""
+    def sentence(self, place: Place, values: dict[str, Any], less: bool = False) -> str:
+        """One plain sentence for the report; `values` are formatted parameters, of what the model has too much of if it
+        is `less`."""
         at = "the whole machine" if place.kind == "world" else place.name
-        if self.says:
-            return self.says.format(at=at, **values)
+        says = self.says_less if less else self.says
+        if says:
+            return says.format(at=at, **values)
         shown = ", ".join(f"{k} {v}" for k, v in values.items())
         return f"{at} has {self.id.replace('_', ' ')} that the model lacks ({shown})."
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -10,6 +11,9 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import REGISTRY, Effect
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 from mpge_jax.diagnosis.effects.step import Array, Fields
+
+LEAST = 1e-3
+"""The least of what the model may have too much of that a closer form has, in its scale."""
 
 
 class Closer(Effect):
@@ -58,7 +62,10 @@ class Closer(Effect):
         return self.plain.places(ctx)
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        return (*self.plain.params(ctx, place), *self.own(ctx, place))
+        plain = self.plain.params(ctx, place)
+        if self.plain.says_less and plain[0].low < 0.0:
+            plain = (replace(plain[0], low=LEAST * plain[0].scale), *plain[1:])
+        return (*plain, *self.own(ctx, place))
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         return np.concatenate([self.starts_from(ctx, place, x) for x in self.plain.starts(ctx, place)])

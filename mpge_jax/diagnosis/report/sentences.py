@@ -30,9 +30,20 @@ SEVERAL = 3
 
 def _said(d: Result, f: Fitted, term: Term) -> str:
     """What an effect's sentence says; it may begin with the name of a place."""
+    less = _less(f, d, term)
+    entries = list(parameters(d.ctx, f, term).items())
+    values = {k: quantity(_turned(v) if less and not i else v) for i, (k, v) in enumerate(entries)}
+    return term.effect.sentence(term.place, values, less)
 
-    values = {k: quantity(v) for k, v in parameters(d.ctx, f, term).items()}
-    return term.effect.sentence(term.place, values)
+
+def _less(f: Fitted, d: Result, term: Term) -> bool:
+    """Whether the model has too much of an effect, and not too little."""
+    return bool(term.effect.says_less) and bool(f.hypothesis.split(d.ctx, f.theta)[term][0] < 0.0)
+
+
+def _turned(entry: dict[str, Any]) -> dict[str, Any]:
+    """A parameter entry with the other sign."""
+    return entry | {"value": -entry["value"], "low": -entry["high"], "high": -entry["low"]}
 
 
 def _listed(names: list[str]) -> str:
@@ -41,21 +52,22 @@ def _listed(names: list[str]) -> str:
 
 
 def _alike(terms: list[Term], d: Result) -> dict[Term, list[Term]]:
-    """Effects of one parameter that act at several places, each with all of its kind."""
-    kinds: dict[str, list[Term]] = {}
+    """Effects of one parameter that act at several places, each with all of its kind and sense."""
+    kinds: dict[tuple[str, bool], list[Term]] = {}
     for t in terms:
         if len(t.params(d.ctx)) == 1:
-            kinds.setdefault(t.id, []).append(t)
+            kinds.setdefault((t.id, _less(d.fit, d, t)), []).append(t)
     return {t: kind for kind in kinds.values() if len(kind) >= SEVERAL for t in kind}
 
 
 def _said_together(d: Result, terms: list[Term]) -> str:
     """'Viscous damping that the model lacks: 16 N m s/rad at shoulder and 2.1 N m s/rad at elbow.'"""
-    values = [(quantity(v), t.place.name) for t in terms for v in parameters(d.ctx, d.fit, t).values()]
+    less = _less(d.fit, d, terms[0])
+    entries = [(v, t.place.name) for t in terms for v in parameters(d.ctx, d.fit, t).values()]
+    values = [f"{quantity(_turned(v) if less else v)} at {at}" for v, at in entries]
     what = terms[0].name.replace("_", " ")
-    return (
-        f"{what[0].upper() + what[1:]} that the model lacks: {_listed([f'{v} at {at}' for v, at in values])}."
-    )
+    how = "of which the model has too much" if less else "that the model lacks"
+    return f"{what[0].upper() + what[1:]} {how}: {_listed(values)}."
 
 
 def _of_effects(d: Result) -> Iterator[tuple[float, str]]:

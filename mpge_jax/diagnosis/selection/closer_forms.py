@@ -56,9 +56,11 @@ def as_dry_friction_sets_in(s: Search, f: Fitted) -> Fitted:
 
 
 def _forms(s: Search, current: Fitted, turn: int) -> dict[Term, Term]:
-    """The closer forms that are tried of the terms of a fit at a turn."""
-    out = {}
+    """The closer forms that are tried of the terms of a fit at a turn; of what the model has too much there is none."""
+    out, parts = {}, current.hypothesis.split(s.sim.ctx, current.theta)
     for t in current.hypothesis.terms:
+        if t.effect.says_less and parts[t][0] < 0.0:
+            continue
         for ending in REGISTRY[t.plain].closer[turn : turn + 1]:
             form = Term(t.plain + ending, t.place)
             if t != form or _beside(s, current, form):

@@ -10,7 +10,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, all_places, joint_unit
-from mpge_jax.diagnosis.effects.friction.scales import damping_param
+from mpge_jax.diagnosis.effects.friction.scales import damping_of_model, damping_param
 from mpge_jax.diagnosis.effects.native import SpecFields
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 
@@ -23,6 +23,7 @@ class ViscousDamping(Effect):
     id, kinds = "viscous_damping", ("joint",)
     equation = "-b v"
     says = "The {at} has viscous damping of {coefficient} that the model lacks."
+    says_less = "The model damps the {at} by {coefficient} too much."
     fields = ("dof_damping",)
     confused_with = ("coulomb_friction", "quadratic_drag", "back_emf")
     remedy = "move the joint at three speeds over a decade in both directions, then let it coast unpowered"
@@ -32,7 +33,7 @@ class ViscousDamping(Effect):
         return all_places(ctx, "joint")
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        return (damping_param(ctx, place),)
+        return (replace(damping_param(ctx, place), low=-damping_of_model(ctx, place)),)
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("dof_damping", ctx.dof(place), theta[..., 0])
@@ -59,7 +60,7 @@ class ExplicitDamping(ViscousDamping):
         """Damping that takes at most half of the speed in a timestep, far from where explicit steps diverge."""
         (plain,) = super().params(ctx, place)
         high = 0.5 * float(ctx.model.dof_M0[ctx.dof(place)]) / ctx.timestep
-        return (replace(plain, high=high, scale=min(plain.scale, 0.1 * high)),)
+        return (replace(plain, low=max(plain.low, -high), high=high, scale=min(plain.scale, 0.1 * high)),)
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         pass

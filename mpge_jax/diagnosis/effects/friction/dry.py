@@ -8,7 +8,12 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
-from mpge_jax.diagnosis.effects.friction.scales import damping_param, falling_param, torque_param
+from mpge_jax.diagnosis.effects.friction.scales import (
+    damping_param,
+    falling_param,
+    friction_of_model,
+    torque_param,
+)
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.machine.model import lever_arms
 
@@ -55,11 +60,12 @@ class CoulombFriction(Dry):
     closer: tuple[str, ...] = (GRADUAL, ELASTIC)
     equation = "-Fc sgn v"
     says = "The {at} has dry friction of {torque} that the model lacks."
+    says_less = "The model has {torque} too much dry friction at the {at}."
     confused_with = ("viscous_damping", "actuator_deadzone", "backlash")
     remedy = "reverse the joint slowly many times, and also move it fast"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        return (torque_param(ctx, place, "torque"),)
+        return (torque_param(ctx, place, "torque", -friction_of_model(ctx, place)),)
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         super().model(f, ctx, place, theta)
