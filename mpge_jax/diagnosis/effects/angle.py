@@ -204,7 +204,7 @@ class CoggingTorque(Effect):
     def naming(self, ctx: Context, place: Place) -> list[int]:
         return [0, 1]
 
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
+    def sentence(self, place: Place, values: dict[str, Any], less: bool = False) -> str:
         says = SAYS_OF_SLIDE if "rad/m" in values["periods"] else self.says
         return says.format(at=place.name, **values)
 

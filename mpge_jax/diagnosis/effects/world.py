@@ -162,7 +162,7 @@ class ContactFriction(_Contact):
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (Param("mu", "1", 0.0, 10.0, 0.05),)
 
-    def sentence(self, place: Place, values: dict[str, Any]) -> str:
+    def sentence(self, place: Place, values: dict[str, Any], less: bool = False) -> str:
         where = "The ground" if place.kind == "world" else place.name
         return f"{where} has a friction coefficient of {values['mu']}, not the model's."
 
