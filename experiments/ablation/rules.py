@@ -350,7 +350,7 @@ WORK = {
     "selection.all_joints": ("ITERATIONS",),
     "selection.alternatives": ("ITERATIONS", "ALONE"),
     "selection.backward_elimination": ("HALF",),
-    "selection.closer_forms": ("ITERATIONS", "SETS_IN"),
+    "selection.closer_forms": ("ITERATIONS", "IN_COMMON"),
     "selection.competition": ("KEEP", "KEEP_OF_MANY"),
     "selection.confirmation": ("ITERATIONS", "SHORT"),
     "selection.forward_selection": ("REST",),

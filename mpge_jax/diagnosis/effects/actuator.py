@@ -95,6 +95,11 @@ def _limited(m: mujoco.MjModel, a: int) -> bool:
     return not np.allclose(m.actuator_forcerange[a], np.sort(m.jnt_actfrcrange[joint] / gear))
 
 
+def reaches_limit(ctx: Context, a: int) -> bool:
+    """Whether a drive comes near its limit of force."""
+    return _limited(ctx.model, a) and NEAR * ctx.drive[a] >= np.abs(ctx.model.actuator_forcerange[a]).min()
+
+
 class _BeforeLimits(OfActuator):
     """A second form, which the drive's limits of force follow: they stay as they are."""
 
@@ -102,12 +107,7 @@ class _BeforeLimits(OfActuator):
 
     def places(self, ctx: Context) -> list[Place]:
         """Drives that come near their limits; for others it is the same as the plain form."""
-        m = ctx.model
-
-        def reached(a: int) -> bool:
-            return _limited(m, a) and NEAR * ctx.drive[a] >= np.abs(m.actuator_forcerange[a]).min()
-
-        return [p for p in super().places(ctx) if reached(p.index)]
+        return [p for p in super().places(ctx) if reaches_limit(ctx, p.index)]
 
 
 @register

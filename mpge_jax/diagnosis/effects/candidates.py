@@ -21,7 +21,7 @@ EXCLUSIVE = (
         "asymmetric_friction",
         "coulomb_friction:behind_gap",
     ),
-    ("viscous_damping", "viscous_damping:explicit"),
+    ("viscous_damping", "viscous_damping:explicit", "viscous_damping:servo"),
     ("actuator_gain", "actuator_gain:limited", "dead_actuator"),
     ("actuator_bias", "actuator_bias:limited", "actuator_bias:reclipped"),
     ("actuator_deadzone", "actuator_deadzone:limited"),

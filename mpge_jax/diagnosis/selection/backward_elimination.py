@@ -30,7 +30,7 @@ from mpge_jax.diagnosis.estimation.whitening import (
     whitener,
 )
 from mpge_jax.diagnosis.evidence.rigid_equivalence import name_nearest
-from mpge_jax.diagnosis.selection.closer_forms import as_dry_friction_sets_in, with_plain
+from mpge_jax.diagnosis.selection.closer_forms import in_common_forms, with_plain
 from mpge_jax.diagnosis.selection.criteria import missed, moves, strength
 from mpge_jax.diagnosis.selection.given_masses import as_given
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -46,7 +46,7 @@ HALF = 0.5
 def needed_fit(s: Search, f: Fitted) -> tuple[Fitted, tuple[Whitener, Whitener]]:
     """The final fit of what a search found, without what is not needed and under the nearest names; and its whiteners
     of training and held-out windows."""
-    f, whites = final_fit(s, as_dry_friction_sets_in(s, prune(s, f)))
+    f, whites = final_fit(s, in_common_forms(s, prune(s, f)))
     f = name_nearest(s.sim.ctx, f)
     given = as_given(s, f)
     return (f, whites) if given is f else final_fit(s, given)

@@ -21,8 +21,14 @@ from mpge_jax.diagnosis.selection.criteria import moves, needed, strength
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import NAMED
 
-ITERATIONS, SETS_IN = 12, 4
-STICKING = "coulomb_friction"
+ITERATIONS, IN_COMMON = 12, 4
+_BEFORE_LIMITS = ("actuator_gain", "actuator_bias", "actuator_deadzone")
+COMMON = (
+    {"coulomb_friction": CREEPING},
+    {i: i + ":limited" for i in _BEFORE_LIMITS} | {"viscous_damping": "viscous_damping:servo"},
+)
+"""Other forms of effects that a machine has alike everywhere: how dry friction sets in, and on which side of their
+drives' limits they act."""
 
 
 def closer(s: Search, current: Fitted) -> Fitted:
@@ -30,27 +36,37 @@ def closer(s: Search, current: Fitted) -> Fitted:
     forms of all effects together, then the second ones, be it in place of the first. A form that stands without what it
     shows beside is tried once more with it."""
     if not at_noise(s, current, s.whiten_one(current, s.train)):
-        current = as_dry_friction_sets_in(s, current)
+        current = in_common_forms(s, current)
     for turn in range(max((len(REGISTRY[t.plain].closer) for t in current.hypothesis.terms), default=0)):
         current = _with_better(s, current, _forms(s, current, turn))
     return _one_for_two(s, current)
 
 
-def as_dry_friction_sets_in(s: Search, f: Fitted) -> Fitted:
-    """`f` with plain dry friction that sticks, or creeps as MuJoCo's own does, in all joints alike, where windows are
-    predicted better so beyond doubt: which of the two it is makes no other effect, but moves the sizes of what acts
-    beside it."""
+def in_common_forms(s: Search, f: Fitted) -> Fitted:
+    """`f` with the forms that its effects have alike in the whole machine (`COMMON`), where windows are predicted
+    better with them beyond doubt: they make no other effects, but move the sizes of what acts beside them."""
+    for forms in COMMON:
+        f = _in_other_forms(s, f, forms)
+    return f
+
+
+def _in_other_forms(s: Search, f: Fitted, forms: dict[str, str]) -> Fitted:
+    """`f`, or with all effects in their other form, back from it where none is in the plain one."""
     ctx, parts = s.sim.ctx, f.hypothesis.split(s.sim.ctx, f.theta)
-    plain = [t for t in parts if t.id in (STICKING, CREEPING)]
-    if not plain:
+    others = {}
+    for either in (forms, {other: plain for plain, other in forms.items()}):
+        others = {t: Term(either[t.id], t.place) for t in parts if t.id in either}
+        others = {t: x for t, x in others.items() if t.place in x.effect.places(ctx)}
+        if others:
+            break
+    if not others:
         return f
-    other = CREEPING if any(t.id == STICKING for t in plain) else STICKING
-    start = _exchanged(ctx, f, {t: (Term(other, t.place), parts[t]) for t in plain})
+    start = _exchanged(ctx, f, {t: (x, parts[t]) for t, x in others.items()})
     whites = s.whiten(f)
-    # what else moves, and what its torques do, is all but the same in both
+    # what else moves, and what these do, is all but the same in both
     slopes = dict(slopes_of(s.sim, f, s.train, whites[0]))
-    slopes |= {Term(other, t.place): slopes[t] for t in plain}
-    fits = fit(s.sim, [start, f], s.train, whites[0], iterations=SETS_IN, slopes=slopes, anew=False)
+    slopes |= {x: slopes[t] for t, x in others.items()}
+    fits = fit(s.sim, [start, f], s.train, whites[0], iterations=IN_COMMON, slopes=slopes, anew=False)
     changed, as_is = s.score(fits, whites)
     return changed.fit if beyond_doubt(evidence(changed, as_is)) else f
 

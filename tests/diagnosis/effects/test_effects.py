@@ -34,7 +34,8 @@ VALUES = {
     "actuator_delay": [0.011], "actuator_lag": [0.03], "back_emf": [0.05],
     "payload_mass": [0.2, 0.02, 0.01, -0.3], "mass_scale": [1.3], "com_offset": [0.02, 0.0, 0.03],
     "gravity_tilt": [0.1, -0.05], "external_force": [0.4, 0.0, -0.3], "contact_friction": [0.3],
-    "load_dependent_friction:gear": [0.02, 0.1], "viscous_damping:explicit": [0.08], "actuator_bias:reclipped": [0.2],
+    "load_dependent_friction:gear": [0.02, 0.1], "viscous_damping:explicit": [0.08], "viscous_damping:servo": [0.08],
+    "actuator_bias:reclipped": [0.2],
     "actuator_gain:limited": [1.6], "actuator_bias:limited": [0.2], "actuator_deadzone:limited": [0.1],
     "contact_stiffness": [0.05], "encoder_offset": [0.04], "sensor_delay": [0.005],
     "coulomb_friction:creeping": [0.06], "coulomb_friction:behind_gap": [0.05, 0.01, 0.004],
@@ -63,6 +64,10 @@ def model_for(effect_id: str) -> str:
     """A machine on which the effect can act."""
     if effect_id == "viscous_damping:explicit":
         return FINE_PENDULUM.replace('timestep="0.002"', 'timestep="0.008"')
+    if effect_id == "viscous_damping:servo":
+        # MJX takes a clipped servo's braking implicitly too, C does not
+        explicit = FINE_PENDULUM.replace("implicitfast", "Euler")
+        return explicit.replace("<motor ", '<position kp="3" kv="0.2" forcerange="-0.5 0.5" ')
     if effect_id.endswith(":limited"):
         return FINE_PENDULUM.replace("<motor ", '<motor forcerange="-0.5 0.5" ')
     return BOX if effect_id in CONTACT else FINE_PENDULUM
@@ -372,6 +377,36 @@ def test_a_sensor_delay_is_looked_for_below_the_sample_time():
     effect = REGISTRY["sensor_delay"]
     (place, *_) = effect.places(ctx)
     assert effect.starts(ctx, place).min() <= 0.005
+
+
+def test_a_servo_at_its_limit_does_not_brake():
+    """Known answers: as the joint's own damping within the limit, nothing at it; at most what the servo has is lost."""
+    form, plain = (
+        machine(i, model_for("viscous_damping:servo")) for i in ("viscous_damping:servo", "viscous_damping")
+    )
+    for target, alike in ((0.05, True), (3.0, False)):
+        ends = []
+        for m in (form, plain):
+            stepper = CStepper(m)
+            stepper.reset(np.array([0.0]), np.array([0.3]))
+            for _ in range(20):
+                stepper.step(np.array([target]))
+            ends.append(float(stepper.data.qvel[0]))
+        given = CStepper(Machine.build(form.ctx, (), ()))
+        given.reset(np.array([0.0]), np.array([0.3]))
+        for _ in range(20):
+            given.step(np.array([target]))
+        free = float(given.data.qvel[0])
+        if alike:
+            assert ends[0] == pytest.approx(ends[1], rel=0.01) and ends[0] < 0.9 * free
+        else:
+            assert ends[0] == free and ends[1] < 0.95 * free
+    (place,) = form.terms[0].effect.places(form.ctx)
+    assert form.terms[0].effect.params(form.ctx, place)[0].low == pytest.approx(-0.2)
+    assert not compatible(Hypothesis.of(Term("viscous_damping", place)), form.terms[0])
+    assert form.terms[0].name == "viscous_damping"
+    unlimited = model_for("viscous_damping:servo").replace('forcerange="-0.5 0.5"', "")
+    assert not form.terms[0].effect.places(nominal_context(mujoco.MjModel.from_xml_string(unlimited)))
 
 
 def test_damping_has_an_explicit_form_where_the_timestep_is_coarse():

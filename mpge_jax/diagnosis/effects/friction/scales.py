@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
-from mpge_jax.diagnosis.machine.model import is_joint_transmission
+from mpge_jax.diagnosis.machine.model import actuators_of_joint
 
 
 def torque_param(ctx: Context, place: Place, name: str, low: float = 0.0) -> Param:
@@ -27,11 +26,18 @@ def friction_of_model(ctx: Context, place: Place) -> float:
 
 def damping_of_model(ctx: Context, place: Place) -> float:
     """The damping that the model has at a joint, the braking of its servos included."""
+    return float(ctx.model.dof_damping[ctx.dof(place)]) + braking_of_servos(ctx, place)
+
+
+def braking_of_servos(ctx: Context, place: Place) -> float:
+    """The damping that the servos of a joint make within their limits."""
     m = ctx.model
-    brake = np.where(m.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE, -m.actuator_biasprm[:, 2], 0.0)
-    own = [a for a in range(m.nu) if is_joint_transmission(m, a) and m.actuator_trnid[a, 0] == place.index]
-    servos = sum(max(float(brake[a]), 0.0) * float(m.actuator_gear[a, 0]) ** 2 for a in own)
-    return float(m.dof_damping[ctx.dof(place)]) + servos
+    servos = [
+        a
+        for a in actuators_of_joint(m, place.index)
+        if m.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and m.actuator_biasprm[a, 2] < 0.0
+    ]
+    return float(sum(-m.actuator_biasprm[a, 2] * m.actuator_gear[a, 0] ** 2 for a in servos))
 
 
 def falling_param(ctx: Context, place: Place) -> Param:
