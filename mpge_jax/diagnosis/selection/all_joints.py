@@ -21,6 +21,7 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, PLAIN
 from mpge_jax.diagnosis.estimation.whitening import Whitener, usual_excess
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
+from mpge_jax.diagnosis.selection.closer_forms import in_common_forms
 from mpge_jax.diagnosis.selection.competition import at_noise, loud_in
 from mpge_jax.diagnosis.selection.criteria import missed, needed, strength
 from mpge_jax.diagnosis.selection.given_masses import with_given
@@ -41,15 +42,17 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     if current.hypothesis.rugged or at_noise(s, current, s.whiten_one(current, s.train)):
         return current
     white = s.whiten_one(current, s.train)
-    fits = _by_forces(s, white)
-    if not _any_at_noise(s, fits):
-        fits += _together(s, current, white)
-    if not fits:
-        return current
-    s.looked = True
     # fewer of them explain less than all do, which may not be at their best yet: half the way must be done
     most = 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
-    fits = _all_thinned(s, [f for f in fits if usual_excess(f.loss) < most])
+    told = _by_forces(s, white)
+    fits = _promising(s, told, white, most)
+    if not _any_at_noise(s, fits):
+        together = _together(s, current, white)
+        told, fits = told + together, fits + _promising(s, together, white, most)
+    if not told:
+        return current
+    s.looked = True
+    fits = _all_thinned(s, fits)
     fits = [f for f in fits if 0 < len(f.hypothesis.named) <= s.max_terms]
     if not fits:
         return current
@@ -65,6 +68,13 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     # each by itself may be weak; what nobody knows leaks into all joints, and little of it goes away by that
     now, then = (usual_excess(float(r.losses.mean())) for r in (chosen, before))
     return chosen.fit if now < REMAINS * then and needed(chosen, before) else current
+
+
+def _promising(s: Search, fits: list[Fitted], white: Whitener, most: float) -> list[Fitted]:
+    """Those that leave less than the `most`, in the forms that effects have alike in the whole machine: in a wrong one
+    of what all joints have, further effects stand for what that leaves."""
+    formed = [in_common_forms(s, f) for f in fits if usual_excess(f.loss) < most]
+    return evaluate(s.sim, formed, s.train, white)
 
 
 def _any_at_noise(s: Search, fits: list[Fitted]) -> bool:

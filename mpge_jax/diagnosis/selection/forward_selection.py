@@ -8,7 +8,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.evidence.scored import Reached, Scored, clearly_worse
 from mpge_jax.diagnosis.selection.all_joints import due, everywhere
 from mpge_jax.diagnosis.selection.closer_forms import closer
-from mpge_jax.diagnosis.selection.competition import at_noise, compete
+from mpge_jax.diagnosis.selection.competition import compete
 from mpge_jax.diagnosis.selection.criteria import accept, choose
 from mpge_jax.diagnosis.selection.search_state import Search
 
@@ -48,9 +48,10 @@ def search(s: Search) -> tuple[Fitted, list[Scored]]:
 
 
 def _everywhere_or_one_more(s: Search, current: Fitted) -> Fitted:
-    """What all joints and drives together explain, unless it leaves something and one more effect explains as much."""
+    """What all joints and drives together explain, unless one more effect explains as much: weaker drives with less
+    rotor inertia and friction than the model has move as heavier masses do."""
     wider = everywhere(s, current)
-    if wider is current or at_noise(s, wider, s.whiten_one(wider, s.train)):
+    if wider is current:
         return wider
     ranked, base = compete(s, current, s.terms)
     one = _chosen(s, ranked, base) if ranked else None
