@@ -9,7 +9,7 @@ import numpy as np
 UNKNOWN = 4.0
 """Width of a component's interval, over the largest component, from which on nothing is known of it."""
 BOUNDLESS = 1e3
-"""End of an interval, over the value, from which on all that is known is its other end."""
+"""End of an interval, over the value, or the value over the other end, from which on that is all that is known."""
 SPOKEN = {"command": "units of its command", "command s/rad": "units of its command per rad/s"}
 """Units in words, where they are no unit by themselves."""
 
@@ -31,7 +31,7 @@ def quantity(entry: dict[str, Any]) -> str:
         shown = _alike(values, shown)
     if values.size > 1 and shown_at_all.any():
         shown = [text if known else "unknown" for text, known in zip(shown, shown_at_all, strict=True)]
-    if values.size == 1 and low[0] > 0 and high[0] > BOUNDLESS * values[0]:
+    if values.size == 1 and low[0] > 0 and max(high[0] / values[0], values[0] / low[0]) > BOUNDLESS:
         shown = [f"at least {digits(low[0], 0.1 * low[0])}"]
     text = shown[0] if not isinstance(value, list) else f"({', '.join(shown)})"
     return text if unit == "1" else f"{text} {SPOKEN.get(unit, unit)}"

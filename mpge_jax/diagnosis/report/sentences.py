@@ -100,7 +100,7 @@ def _option(d: Result, f: Fitted, terms: list[Term]) -> str:
 def _of_inertias(d: Result) -> list[str]:
     """What is said of the given masses and inertias where they are off, with the one that is off most."""
     changes = [
-        (abs(body[what]["value"] - 1.0), f"{body[what]['value']:.3g} times the {what} of {body['at']}")
+        (abs(body[what]["value"] - 1.0), f"{_off(body[what]['value'])} {what} at {body['at']}")
         for what in ("mass", "inertia")
         for body in d.given_inertias or []
     ]
@@ -110,6 +110,11 @@ def _of_inertias(d: Result) -> list[str]:
         "The given masses and inertias are not exact, which is usual and no missing physics; corrected.xml has better "
         f"ones (what changes most: {max(changes)[1]})."
     ]
+
+
+def _off(factor: float) -> str:
+    """'1.2 % less'"""
+    return f"{100 * abs(factor - 1.0):.2g} % {'more' if factor > 1.0 else 'less'}"
 
 
 def _share(d: Result, terms: list[Term]) -> float:

@@ -36,11 +36,16 @@ def test_what_follows_from_one_parameter_lies_between_the_ends_of_its_interval(c
     bound = _told(ctx, "coulomb_friction:elastic", [0.5, 0.01, 0.3], [0.01, 0.008, 0.1])["stiffness"]
     assert bound["low"] == pytest.approx(1 / (0.01 + WITHIN * 0.008), rel=1e-4) and bound["high"] > 1e9
     assert quantity(bound) == "at least 39 N m/rad"
+    stiff = _told(ctx, "coulomb_friction:elastic", [0.5, 1e-9, 0.3], [0.01, 0.002, 0.1])["stiffness"]
+    assert stiff["value"] > 1e8 and quantity(stiff) == "at least 260 N m/rad"
 
 
 def test_intervals_end_where_parameters_do(ctx):
-    told = _told(ctx, "viscous_damping", [0.02], [0.02])["coefficient"]
+    told = _told(ctx, "quadratic_drag", [0.02], [0.02])["coefficient"]
     assert told["low"] == 0.0 and told["high"] == pytest.approx(0.02 + WITHIN * 0.02, rel=1e-4)
+    # of what the model has there may be too much, and no more than that
+    given = float(ctx.model.dof_damping[0])
+    assert given > 0.0 and _told(ctx, "viscous_damping", [0.02], [1.0])["coefficient"]["low"] == -given
 
 
 def test_what_follows_from_several_is_linear_in_them(ctx):
