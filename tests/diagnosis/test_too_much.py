@@ -52,6 +52,8 @@ def test_what_the_model_has_too_much_of_is_named_with_its_size(tmp_path):
     _less(truth)
     for field in ("dof_frictionloss", "dof_armature", "jnt_stiffness"):
         np.testing.assert_allclose(getattr(corrected, field), getattr(truth, field), rtol=0.05, atol=1e-9)
+    # no joint pushes by itself: what is beyond its own damping its servo brakes less
+    assert corrected.dof_damping[1] == 0.0
     damping = [m.dof_damping[1] - m.actuator_biasprm[1, 2] for m in (corrected, truth)]
     assert damping[0] == pytest.approx(damping[1], rel=0.05)
 

@@ -403,6 +403,8 @@ def test_a_servo_at_its_limit_does_not_brake():
             assert ends[0] == free and ends[1] < 0.95 * free
     (place,) = form.terms[0].effect.places(form.ctx)
     assert form.terms[0].effect.params(form.ctx, place)[0].low == pytest.approx(-0.2)
+    less, _ = exported(model_for("viscous_damping:servo"), {"viscous_damping:servo": ("hinge", [-0.15])})
+    assert less.actuator_biasprm[0, 2] == pytest.approx(-0.05) and less.dof_damping[0] == pytest.approx(0.02)
     assert not compatible(Hypothesis.of(Term("viscous_damping", place)), form.terms[0])
     assert form.terms[0].name == "viscous_damping"
     unlimited = model_for("viscous_damping:servo").replace('forcerange="-0.5 0.5"', "")

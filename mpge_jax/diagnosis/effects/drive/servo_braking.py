@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import mujoco
+import numpy as np
 
 from mpge_jax.diagnosis.effects.actuator import reaches_limit
 from mpge_jax.diagnosis.effects.base import register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 from mpge_jax.diagnosis.effects.friction.damping import ViscousDamping
 from mpge_jax.diagnosis.effects.friction.scales import braking_of_servos
+from mpge_jax.diagnosis.effects.native import SpecFields
 from mpge_jax.diagnosis.effects.step import Array, Fields
 from mpge_jax.diagnosis.machine.model import actuators_of_joint
 
@@ -43,3 +45,7 @@ class ServoBraking(ViscousDamping):
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         a = self._servo(ctx, place)
         f.add("actuator_biasprm", (a, 2), -theta[..., 0] / float(ctx.model.actuator_gear[a, 0]) ** 2)
+
+    def export(self, spec: mujoco.MjSpec, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        self.model(SpecFields(spec), ctx, place, theta)
+        return True

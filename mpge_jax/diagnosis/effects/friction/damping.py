@@ -10,7 +10,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, all_places, joint_unit
-from mpge_jax.diagnosis.effects.friction.scales import damping_of_model, damping_param
+from mpge_jax.diagnosis.effects.friction.scales import damping_of_model, damping_param, servos_that_brake
 from mpge_jax.diagnosis.effects.native import SpecFields
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 
@@ -37,6 +37,19 @@ class ViscousDamping(Effect):
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("dof_damping", ctx.dof(place), theta[..., 0])
+
+    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
+        """Of a joint that has less than none of its own, the servo brakes by as much less."""
+        f, dof = SpecFields(spec), ctx.dof(place)
+        left = float(f.get("dof_damping", dof)) + float(theta[0])
+        servos = servos_that_brake(ctx, place)
+        if left >= 0.0 or not servos:
+            return super().export(spec, ctx, place, theta)
+        f.set("dof_damping", dof, 0.0)
+        m = ctx.model
+        most = min(servos, key=lambda a: m.actuator_biasprm[a, 2] * m.actuator_gear[a, 0] ** 2)
+        f.add("actuator_biasprm", (most, 2), -left / float(m.actuator_gear[most, 0]) ** 2)
+        return True
 
 
 @register

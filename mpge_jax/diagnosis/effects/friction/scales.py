@@ -32,12 +32,19 @@ def damping_of_model(ctx: Context, place: Place) -> float:
 def braking_of_servos(ctx: Context, place: Place) -> float:
     """The damping that the servos of a joint make within their limits."""
     m = ctx.model
-    servos = [
+    return float(
+        sum(-m.actuator_biasprm[a, 2] * m.actuator_gear[a, 0] ** 2 for a in servos_that_brake(ctx, place))
+    )
+
+
+def servos_that_brake(ctx: Context, place: Place) -> list[int]:
+    """The actuators of a joint whose force falls with its speed."""
+    m = ctx.model
+    return [
         a
         for a in actuators_of_joint(m, place.index)
         if m.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and m.actuator_biasprm[a, 2] < 0.0
     ]
-    return float(sum(-m.actuator_biasprm[a, 2] * m.actuator_gear[a, 0] ** 2 for a in servos))
 
 
 def falling_param(ctx: Context, place: Place) -> Param:
