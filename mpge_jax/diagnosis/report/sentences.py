@@ -30,13 +30,13 @@ SEVERAL = 3
 
 def _said(d: Result, f: Fitted, term: Term) -> str:
     """What an effect's sentence says; it may begin with the name of a place."""
-    less = _less(f, d, term)
+    less = _less(d, f, term)
     entries = list(parameters(d.ctx, f, term).items())
     values = {k: quantity(_turned(v) if less and not i else v) for i, (k, v) in enumerate(entries)}
     return term.effect.sentence(term.place, values, less)
 
 
-def _less(f: Fitted, d: Result, term: Term) -> bool:
+def _less(d: Result, f: Fitted, term: Term) -> bool:
     """Whether the model has too much of an effect, and not too little."""
     return bool(term.effect.says_less) and bool(f.hypothesis.split(d.ctx, f.theta)[term][0] < 0.0)
 
@@ -56,13 +56,13 @@ def _alike(terms: list[Term], d: Result) -> dict[Term, list[Term]]:
     kinds: dict[tuple[str, bool], list[Term]] = {}
     for t in terms:
         if len(t.params(d.ctx)) == 1:
-            kinds.setdefault((t.id, _less(d.fit, d, t)), []).append(t)
+            kinds.setdefault((t.id, _less(d, d.fit, t)), []).append(t)
     return {t: kind for kind in kinds.values() if len(kind) >= SEVERAL for t in kind}
 
 
 def _said_together(d: Result, terms: list[Term]) -> str:
     """'Viscous damping that the model lacks: 16 N m s/rad at shoulder and 2.1 N m s/rad at elbow.'"""
-    less = _less(d.fit, d, terms[0])
+    less = _less(d, d.fit, terms[0])
     entries = [(v, t.place.name) for t in terms for v in parameters(d.ctx, d.fit, t).values()]
     values = [f"{quantity(_turned(v) if less else v)} at {at}" for v, at in entries]
     what = terms[0].name.replace("_", " ")

@@ -22,10 +22,9 @@ from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import NAMED
 
 ITERATIONS, IN_COMMON = 12, 4
-_BEFORE_LIMITS = ("actuator_gain", "actuator_bias", "actuator_deadzone")
 COMMON = (
     {"coulomb_friction": CREEPING},
-    {i: i + ":limited" for i in _BEFORE_LIMITS} | {"viscous_damping": "viscous_damping:servo"},
+    {i.partition(":")[0]: i for i in REGISTRY if i.endswith((":limited", ":servo"))},
 )
 """Other forms of effects that a machine has alike everywhere: how dry friction sets in, and on which side of their
 drives' limits they act."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 
@@ -11,7 +9,7 @@ from mpge_jax.diagnosis.effects.actuator import reaches_limit
 from mpge_jax.diagnosis.effects.base import register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place
 from mpge_jax.diagnosis.effects.friction.damping import ViscousDamping
-from mpge_jax.diagnosis.effects.friction.scales import braking_of_servos
+from mpge_jax.diagnosis.effects.friction.scales import braking_of_servos, damping_param
 from mpge_jax.diagnosis.effects.native import SpecFields
 from mpge_jax.diagnosis.effects.step import Array, Fields
 from mpge_jax.diagnosis.machine.model import actuators_of_joint
@@ -32,7 +30,7 @@ class ServoBraking(ViscousDamping):
         return [p for p in super().places(ctx) if self._servo(ctx, p) is not None]
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        return (replace(super().params(ctx, place)[0], low=-braking_of_servos(ctx, place)),)
+        return (damping_param(ctx, place, low=-sum(braking_of_servos(ctx, place).values())),)
 
     @staticmethod
     def _servo(ctx: Context, place: Place) -> int | None:

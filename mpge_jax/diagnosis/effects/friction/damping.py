@@ -10,7 +10,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.base import Effect, register
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, all_places, joint_unit
-from mpge_jax.diagnosis.effects.friction.scales import damping_of_model, damping_param, servos_that_brake
+from mpge_jax.diagnosis.effects.friction.scales import braking_of_servos, damping_of_model, damping_param
 from mpge_jax.diagnosis.effects.native import SpecFields
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 
@@ -33,22 +33,19 @@ class ViscousDamping(Effect):
         return all_places(ctx, "joint")
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
-        return (replace(damping_param(ctx, place), low=-damping_of_model(ctx, place)),)
+        return (damping_param(ctx, place, low=-damping_of_model(ctx, place)),)
 
     def model(self, f: Fields, ctx: Context, place: Place, theta: Array) -> None:
         f.add("dof_damping", ctx.dof(place), theta[..., 0])
 
     def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
         """Of a joint that has less than none of its own, the servo brakes by as much less."""
-        f, dof = SpecFields(spec), ctx.dof(place)
+        f, dof, servos = SpecFields(spec), ctx.dof(place), braking_of_servos(ctx, place)
         left = float(f.get("dof_damping", dof)) + float(theta[0])
-        servos = servos_that_brake(ctx, place)
-        if left >= 0.0 or not servos:
-            return super().export(spec, ctx, place, theta)
-        f.set("dof_damping", dof, 0.0)
-        m = ctx.model
-        most = min(servos, key=lambda a: m.actuator_biasprm[a, 2] * m.actuator_gear[a, 0] ** 2)
-        f.add("actuator_biasprm", (most, 2), -left / float(m.actuator_gear[most, 0]) ** 2)
+        f.set("dof_damping", dof, max(left, 0.0) if servos else left)
+        if servos and left < 0.0:
+            most = max(servos, key=lambda a: servos[a])
+            f.add("actuator_biasprm", (most, 2), -left / float(ctx.model.actuator_gear[most, 0]) ** 2)
         return True
 
 
@@ -82,10 +79,6 @@ class ExplicitDamping(ViscousDamping):
         self, xp: Any, ctx: Context, place: Place, theta: Array, s: Step, memory: Any
     ) -> tuple[Forces, Any]:
         return Forces(joint=-theta[..., 0] * s.v[..., ctx.dof(place)]), memory
-
-    def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
-        super().model(SpecFields(spec), ctx, place, theta)
-        return True
 
 
 @register

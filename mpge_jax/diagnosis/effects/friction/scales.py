@@ -13,10 +13,10 @@ def torque_param(ctx: Context, place: Place, name: str, low: float = 0.0) -> Par
     return Param(name, joint_unit(ctx, place, "N m", "N"), low, 50 * t, 0.1 * t)
 
 
-def damping_param(ctx: Context, place: Place, name: str = "coefficient") -> Param:
+def damping_param(ctx: Context, place: Place, name: str = "coefficient", low: float = 0.0) -> Param:
     dof = ctx.dof(place)
     scale = 0.1 * float(ctx.torque[dof]) / max(float(ctx.speed[dof]), 1e-3)
-    return Param(name, joint_unit(ctx, place, "N m s/rad", "N s/m"), 0.0, 500 * scale, scale)
+    return Param(name, joint_unit(ctx, place, "N m s/rad", "N s/m"), low, 500 * scale, scale)
 
 
 def friction_of_model(ctx: Context, place: Place) -> float:
@@ -26,25 +26,17 @@ def friction_of_model(ctx: Context, place: Place) -> float:
 
 def damping_of_model(ctx: Context, place: Place) -> float:
     """The damping that the model has at a joint, the braking of its servos included."""
-    return float(ctx.model.dof_damping[ctx.dof(place)]) + braking_of_servos(ctx, place)
+    return float(ctx.model.dof_damping[ctx.dof(place)]) + sum(braking_of_servos(ctx, place).values())
 
 
-def braking_of_servos(ctx: Context, place: Place) -> float:
-    """The damping that the servos of a joint make within their limits."""
+def braking_of_servos(ctx: Context, place: Place) -> dict[int, float]:
+    """The damping that each actuator of a joint makes whose force falls with its speed, within its limits."""
     m = ctx.model
-    return float(
-        sum(-m.actuator_biasprm[a, 2] * m.actuator_gear[a, 0] ** 2 for a in servos_that_brake(ctx, place))
-    )
-
-
-def servos_that_brake(ctx: Context, place: Place) -> list[int]:
-    """The actuators of a joint whose force falls with its speed."""
-    m = ctx.model
-    return [
-        a
+    return {
+        a: float(-m.actuator_biasprm[a, 2] * m.actuator_gear[a, 0] ** 2)
         for a in actuators_of_joint(m, place.index)
         if m.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and m.actuator_biasprm[a, 2] < 0.0
-    ]
+    }
 
 
 def falling_param(ctx: Context, place: Place) -> Param:
