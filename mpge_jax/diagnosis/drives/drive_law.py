@@ -80,7 +80,7 @@ def log_of(
     u = clipped(m, r.known("ctrl"))[
         np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, t.size - 1), actuator
     ]
-    length, speed = stroke(m, actuator, source.states)
+    length, speed = stroke(m, actuator, source.states.qpos, source.states.qvel)
     # the first point of the grid that sees the row's own command
     at = np.clip(np.ceil(t / dt - 1e-6).astype(int), 0, grid.size - 1)
     block = first_block + (t / BLOCK_S).astype(int)
@@ -97,7 +97,7 @@ def between(
     does [T] (without delays), and its slopes [T, 2]."""
     r = source.recording
     sent = clipped(model, r.known("ctrl"))[:, actuator]
-    length, speed = stroke(model, actuator, source.states)
+    length, speed = stroke(model, actuator, source.states.qpos, source.states.qvel)
     rows = np.arange(r.time.size)
 
     def force(u: Array, further: float = 0.0, faster: float = 0.0) -> Array:

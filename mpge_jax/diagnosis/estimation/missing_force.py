@@ -14,6 +14,7 @@ from mpge_jax.diagnosis.machine.model import floating_base_joints
 from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.cheaper_steps import Near
+from mpge_jax.diagnosis.simulation.pushes import Push
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
@@ -71,7 +72,7 @@ class Probed:
 def pushes(sim: Simulator, f: Fitted, dofs: Iterable[int]) -> tuple[Array, list[Run]]:
     """Forces [nv] that are small beside the machine's own, and the runs of `f` without them and with each of some."""
     scale = PUSH * np.maximum(sim.ctx.torque, 1e-9)
-    pushed = [Run(f.hypothesis, f.theta, push=(d, float(scale[d]))) for d in dofs]
+    pushed = [Run(f.hypothesis, f.theta, push=Push(d, float(scale[d]))) for d in dofs]
     return scale, [Run(f.hypothesis, f.theta), *pushed]
 
 

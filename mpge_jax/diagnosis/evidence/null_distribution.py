@@ -192,7 +192,9 @@ def force_noise(prepared: Prepared) -> Array:
         forces = [s.recording.known("force")[:, a] for s in prepared.train]
         levels = [column_noise(times, forces)[0]]
         if has_plain_law(plain, a) and all(s.recording.ctrl is not None for s in prepared.train):
-            expected = [plain_force(plain, a, _arrived(s, a), s.states) for s in prepared.train]
+            expected = [
+                plain_force(plain, a, _arrived(s, a), s.states.qpos, s.states.qvel) for s in prepared.train
+            ]
             levels.append(column_noise(times, [f - e for f, e in zip(forces, expected, strict=True)])[0])
         finite = [x for x in levels if np.isfinite(x)]
         out[a] = min(finite, default=0.0)

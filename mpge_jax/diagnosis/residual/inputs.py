@@ -16,6 +16,7 @@ from mpge_jax.diagnosis.effects.residual.since_turn import SinceTurn, travelled
 from mpge_jax.diagnosis.machine.model import has_plain_law, is_scalar
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.driving.measured_drives import plain_force
+from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
 EDGES = (0.005, 0.995)
@@ -47,15 +48,33 @@ def seen(p: Prepared, place: Place) -> dict[str, Array]:
 
 def values_of(p: Prepared, s: Source, place: Place, stride: int = 1) -> dict[str, Array]:
     """Values of every input that is known, over every `stride`-th row of a recording."""
-    m, which = p.model, slice(None, None, stride)
-    out = values_along(p, place, s.states.qpos[which], s.states.qvel[which])
-    out |= {key: x[which] for key, x in since_turns(p, place, s.states.qpos).items()}
+    which = slice(None, None, stride)
+    q, v = s.states.qpos[which], s.states.qvel[which]
+    out = values_along(p, place, q, v) | drives_along(p, place, q, v, s.command[which])
+    return out | {key: x[which] for key, x in since_turns(p, place, s.states.qpos).items()}
+
+
+def values_within(p: Prepared, w: Windows, place: Place, times: Array) -> dict[str, Array]:
+    """Values [W, L] of every input that is known, at times [L] (s) after the starts of windows."""
+    step = w.history + np.clip((times / w.dt).astype(int), 0, w.steps - 1)
+    turns = {k: since_turns(p, place, w.sources[k].states.qpos) for k in set(w.source.tolist())}
+    found = []
+    for k, source in enumerate(w.source.tolist()):
+        s, at = w.sources[source], w.start[k] + times
+        q, v = s.motion_at(p.model, at)
+        here = values_along(p, place, q, v) | drives_along(p, place, q, v, w.command[k, step])
+        since = {key: np.interp(at, s.recording.time, x) for key, x in turns[source].items()}
+        found.append(here | since)
+    return {key: np.array([x[key] for x in found]) for key in found[0]}
+
+
+def drives_along(p: Prepared, place: Place, qpos: Array, qvel: Array, command: Array) -> dict[str, Array]:
+    """Forces [N] of the drives of joints whose law is plain, along a motion [N, nq], [N, nv] under commands [N, nu]."""
+    m, out = p.model, {}
     for key, where in {DRIVE: place, **{key_of(DRIVE, x.name): x for x in _others(p, place)}}.items():
         drives = driven_by(p.ctx, where)
         if drives and all(has_plain_law(m, a) for a in drives):
-            forces = [
-                float(m.actuator_gear[a, 0]) * plain_force(m, a, s.command, s.states)[which] for a in drives
-            ]
+            forces = [float(m.actuator_gear[a, 0]) * plain_force(m, a, command, qpos, qvel) for a in drives]
             out[key] = np.sum(forces, axis=0)
     return out
 

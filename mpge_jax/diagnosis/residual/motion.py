@@ -18,8 +18,15 @@ from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.residual.formula import formula
 from mpge_jax.diagnosis.residual.hints import hinted, variants
 from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
-from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
+from mpge_jax.diagnosis.residual.model import (
+    Function,
+    ResidualModel,
+    with_function,
+    with_functions,
+    worthwhile,
+)
 from mpge_jax.diagnosis.residual.points import pieces
+from mpge_jax.diagnosis.residual.pulses import Answers, Pulses
 from mpge_jax.diagnosis.residual.regression import (
     Blocks,
     Choice,
@@ -29,7 +36,7 @@ from mpge_jax.diagnosis.residual.regression import (
     smoothed,
     told,
 )
-from mpge_jax.diagnosis.residual.roll_out import stays
+from mpge_jax.diagnosis.residual.roll_out import staying
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.cheaper_steps import Near
@@ -57,13 +64,12 @@ def residual_of_motion(
         at: joints or actuators at which something is left. shown, held: the machine and its fit whose errors on test
             recordings are reported, and these; it may be driven otherwise than the one that `f` was fitted to.
     """
-    (machine, shown_fit), kept = shown, []
-    for function in functions_of_motion(p.all_to_train(), s, f, at)[0]:
-        now = with_function(p.ctx, f, function.term, function.theta)
-        if not stays(p, now, f):
-            break
-        f, shown_fit = now, with_function(machine.ctx, shown_fit, function.term, function.theta)
-        kept.append(function)
+    (machine, shown_fit), fits = shown, [f]
+    found = functions_of_motion(p.all_to_train(), s, f, at)[0]
+    for function in found:
+        fits.append(with_function(p.ctx, fits[-1], function.term, function.theta))
+    kept = found[: staying(p, fits)] if found else []
+    shown_fit = with_functions(machine.ctx, shown_fit, kept)
     return worthwhile(kept, held.after.rms, errors(machine.sim, shown_fit, held.windows, machine.noise).rms)
 
 
@@ -90,12 +96,14 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     fold = folds(w.recording, w.start)
     known = {place: seen(p, place) for place in places}
     candidates = [(e, x) for x in places for e in hinted(functions(known[x]), x, pieces(p, "train", f, x))]
+    pulses = {x: Pulses.at(p, f, x, w) for x in places}
     longer = p.windows("train", p.config.report_s, WINDOWS, seed=18)
     now, term, theta, tried, fine = f, None, np.zeros(0), [], set[str]()
     for _ in range(PASSES):
         task = _Task(p, f, w, s.whiten_one(now, w), fold)
         weight = task.weight(now)
-        problems = [(e, x.index, task.near(Term(e.id, x), None, weight)) for e, x in candidates]
+        answers = {x: pulses[x].seen_by(task.white, weight) for x in places}
+        problems = [(e, x.index, answers[x].of(e)) for e, x in candidates]
         tried_now = told(problems, fold)
         best = best_function(tried_now)
         if best is None:
@@ -103,7 +111,7 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
         candidates = [candidates[k] for k in in_the_race(tried_now)]
         place = next(x for x in places if x.index == best.place)
         if best.effect.id not in fine:
-            finer = task.as_fine_as_shown(best, place, weight)
+            finer = as_fine_as_shown(best, answers[place], fold)
             candidates = [
                 (finer.effect, x) if (e, x) == (best.effect, place) else (e, x) for e, x in candidates
             ]
@@ -118,6 +126,15 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     # in units of the noise alone, windows that a function cannot follow count ever less
     _, term, theta = min(tried, key=lambda t: t[0])
     return Function(term, theta, formula(residual_of(term.id), theta, known[term.place], term, p.ctx))
+
+
+def as_fine_as_shown(found: Choice, answers: Answers, fold: Array) -> Choice:
+    """The function with as many values as windows show.
+
+    Args:
+        answers: of the windows to forces at its place. fold: [B] which windows are predicted together.
+    """
+    return fewest([smoothed(e, found.place, answers.of(e), fold) for e in variants(found.effect)])
 
 
 @dataclass(frozen=True)
@@ -155,21 +172,8 @@ class _Task:
             best = least
         return theta
 
-    def as_fine_as_shown(self, found: Choice, place: Place, weight: Array) -> Choice:
-        """The function with as many values as windows show.
-
-        Args:
-            weight: [B] of the windows.
-        """
-        problems = [(e, self.near(Term(e.id, place), None, weight)) for e in variants(found.effect)]
-        return fewest([smoothed(e, found.place, b, self.fold) for e, b in problems])
-
-    def near(self, term: Term, theta: Array | None = None, weight: Array | None = None) -> Blocks:
-        """The windows' least-squares problem of a function's values, told near some values (0).
-
-        Args:
-            weight: [B] of the windows; by what is left with these values, if not given.
-        """
+    def near(self, term: Term, theta: Array) -> Blocks:
+        """The windows' least-squares problem of a function's values, told near some values."""
         p, f = self.p, with_function(self.p.ctx, self.known, term, theta)
         part = f.hypothesis.slices(p.ctx)[f.hypothesis.terms.index(term)]
         step = PROBE * max(float(p.ctx.torque[p.ctx.dof(term.place)]), 1e-9)
@@ -179,10 +183,7 @@ class _Task:
             moved[k] += step
             runs.append(Run(f.hypothesis, moved))
         base, *probed = self.white(Near.to(p.sim, runs[0], self.windows).residuals(runs))
-        told = Blocks.of(
-            (np.array(probed) - base) / step, base, self._counted(base) if weight is None else weight
-        )
-        return told if theta is None else told.told_at(theta)
+        return Blocks.of((np.array(probed) - base) / step, base, self._counted(base)).told_at(theta)
 
     def weight(self, f: Fitted) -> Array:
         """Weights [B] of the windows by what `f` leaves: what is odd counts little."""

@@ -21,13 +21,15 @@ AWAY = 10.0
 """Times the greatest speed that was recorded, or is reached without the force, beyond which a joint is gone."""
 
 
-def stays(p: Prepared, f: Fitted, without: Fitted) -> bool:
-    """Whether a minute of random commands, of those that were recorded, ends where it does without the force: no joint
-    moves ten times as fast as it ever did."""
-    speeds = greatest_speeds(p, [f, without])
+def staying(p: Prepared, fits: list[Fitted]) -> int:
+    """How many forces may act, one more in each fit than in the one before (none in the first), so that a minute of
+    random commands, of those that were recorded, ends where it does without the last of them: no joint moves ten times
+    as fast as it ever did."""
+    speeds = greatest_speeds(p, fits)
     seen = np.array([np.abs(s.states.qvel).max(0) for s in p.train]).max(0)
-    usual = np.maximum(seen, np.nan_to_num(speeds[1], posinf=0.0))
-    return bool((speeds[0] <= AWAY * np.maximum(usual, 1e-6)).all())
+    usual = np.maximum(seen, np.nan_to_num(speeds[:-1], posinf=0.0))
+    stays = (speeds[1:] <= AWAY * np.maximum(usual, 1e-6)).all(1)
+    return int(np.logical_and.accumulate(stays).sum())
 
 
 def greatest_speeds(p: Prepared, fits: list[Fitted]) -> Array:

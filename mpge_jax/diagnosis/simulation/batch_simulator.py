@@ -18,6 +18,7 @@ from mpge_jax.diagnosis.simulation.batch_fields import BatchFields
 from mpge_jax.diagnosis.simulation.driving.actuator_state import shifted
 from mpge_jax.diagnosis.simulation.encoders import Encoders
 from mpge_jax.diagnosis.simulation.guided import Guide
+from mpge_jax.diagnosis.simulation.pushes import Push, by_step
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.runtime_effects import Group, Runtime
 from mpge_jax.diagnosis.simulation.trajectories import Commands, by_the_engine, step_by_step
@@ -42,13 +43,12 @@ class Run:
     Attributes:
         theta: flat parameters of the hypothesis.
         shift: [W, 2 nv] change of the start state in (position, velocity), or None.
-        push: (dof, force) constant generalised force, or None.
     """
 
     hypothesis: Hypothesis
     theta: Array
     shift: Array | None = None
-    push: tuple[int, float] | None = None
+    push: Push | None = None
 
     @property
     def key(self) -> Hashable:
@@ -213,18 +213,15 @@ class Simulator:
             for a, (rows, u) in commands.changed.items():
                 before = u[:, : w.history] - w.command[window[rows], : w.history, a]
                 batch.bind("act")[rows] += shifted(m, a, before, w.dt)
-        push = np.zeros((n, m.nv))
-        for run, rows in zip(runs, rows_of, strict=True):
-            if run.push is not None:
-                push[rows, run.push[0]] += run.push[1]
+        pushed = [(run.push, rows) for run, rows in zip(runs, rows_of, strict=True) if run.push is not None]
+        pushes = by_step(pushed, n, m.nv, w.steps)
         if way == BY_THE_ENGINE:
-            batch.bind("qfrc_applied")[:] = push
-            q, v = by_the_engine(batch, commands)
+            q, v = by_the_engine(batch, commands, pushes)
         else:
             guide = Guide(m, batch, w, window, self.guided) if self.guided else None
             runtime = [g for g in groups if g.term.effect.runtime]
-            engine = Runtime(m, self.ctx, batch, runtime, push, w.dt)
-            q, v = step_by_step(batch, engine, guide, commands, shift[:, m.nv :])
+            engine = Runtime(m, self.ctx, batch, runtime, pushes[0], w.dt)
+            q, v = step_by_step(batch, engine, guide, commands, shift[:, m.nv :], pushes)
         return encoders.misses(q, v).reshape(len(runs), nwin, w.times.shape[1], -1)
 
     def _timed(self, dt: float) -> mujoco.MjModel:

@@ -45,18 +45,31 @@ class Commands:
         return out
 
 
-def by_the_engine(batch: Batch, commands: Commands) -> tuple[Array, Array]:
-    """States [K + 1, n, nq], [K + 1, n, nv] along the windows from those of the batch."""
+def by_the_engine(batch: Batch, commands: Commands, pushes: dict[int, Array]) -> tuple[Array, Array]:
+    """States [K + 1, n, nq], [K + 1, n, nv] along the windows from those of the batch.
+
+    Args:
+        pushes: [n, nv] each, by step (`pushes.by_step`).
+    """
     steps = commands.w.steps
     q, v = (np.empty((batch.nsim, steps + 1, x.shape[1])) for x in (batch.qpos, batch.qvel))
     q[:, 0], v[:, 0] = batch.qpos, batch.qvel
-    told = batch.rollout(steps, commands.along() if batch.model.nu else None, record=("qpos", "qvel"))
-    q[:, 1:], v[:, 1:] = told["qpos"], told["qvel"]
+    control = commands.along() if batch.model.nu else None
+    for (begin, push), end in zip(pushes.items(), [*pushes, steps][1:], strict=True):
+        batch.bind("qfrc_applied")[:] = push
+        some = None if control is None else control[:, begin:end]
+        told = batch.rollout(end - begin, some, record=("qpos", "qvel"))
+        q[:, begin + 1 : end + 1], v[:, begin + 1 : end + 1] = told["qpos"], told["qvel"]
     return _given_up(np.moveaxis(q, 0, 1), np.moveaxis(v, 0, 1))
 
 
 def step_by_step(
-    batch: Batch, runtime: Runtime, guide: Guide | None, commands: Commands, moved: Array
+    batch: Batch,
+    runtime: Runtime,
+    guide: Guide | None,
+    commands: Commands,
+    moved: Array,
+    pushes: dict[int, Array],
 ) -> tuple[Array, Array]:
     """As `by_the_engine`, with effects and guided joints in each step.
 
@@ -77,6 +90,7 @@ def step_by_step(
     for k in range(w.steps):
         if ctrl is not None:
             ctrl[:] = commands(k)
+        runtime.push = pushes.get(k, runtime.push)
         runtime.apply()
         if guide is not None:
             guide.push(k)

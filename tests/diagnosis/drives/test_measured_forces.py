@@ -216,8 +216,9 @@ def test_a_servo_that_was_found_to_differ_jumps_as_it_does(change):
         jumps = nominal
     else:
         ctrl, before = r.ctrl, np.concatenate([r.ctrl[:1], r.ctrl[:-1]])
-        jumps = np.clip(plain_force(plain, 0, ctrl, again.states), -1.0, 1.0)
-        jumps = (jumps - np.clip(plain_force(plain, 0, before, again.states), -1.0, 1.0))[:, None]
+        q, v = again.states.qpos, again.states.qvel
+        now, then = (np.clip(plain_force(plain, 0, u, q, v), -1.0, 1.0) for u in (ctrl, before))
+        jumps = (now - then)[:, None]
         assert np.abs(jumps - nominal).max() > 0.1
     mean = 0.5 * (again.command[:-1] + again.command[1:] - jumps[1:])
     np.testing.assert_allclose(np.diff(again.integral, axis=0), 0.01 * mean, atol=2e-4)

@@ -96,14 +96,9 @@ def test_windows_tell_how_fine_a_function_is(width, values):
     rng, effect = np.random.default_rng(0), Residual((Axis("q", -1.0, 1.0),), 3.0)
     q = rng.uniform(-1.0, 1.0, (60, 30))
     left = np.exp(-((q / width) ** 2)) + 0.01 * rng.standard_normal(q.shape)
-    task = SimpleNamespace(
-        near=lambda term, _theta, weight: Blocks.of(
-            np.array(residual_of(term.id).basis(np, [q])), left, weight
-        ),
-        fold=np.arange(60) % 5,
-    )
+    answers = SimpleNamespace(of=lambda e: Blocks.of(np.array(e.basis(np, [q])), left, np.ones(60)))
     found = Choice(effect, HINGE.index, np.zeros(9), np.zeros(60), 1.0)
-    chosen = motion._Task.as_fine_as_shown(task, found, HINGE, np.ones(60))
+    chosen = motion.as_fine_as_shown(found, answers, np.arange(60) % 5)
     assert chosen.effect.counts == (values,) and chosen.values.size == values
 
 
@@ -129,7 +124,7 @@ def test_it_is_judged_on_the_machine_whose_errors_are_shown(rubbing, monkeypatch
     weak = fitted(s, {GAIN: [0.9]})
     held = fit_report(p, weak, "test")
     with monkeypatch.context() as away:
-        away.setattr(motion, "stays", lambda *_: False)
+        away.setattr(motion, "staying", lambda *_: 0)
         assert residual_of_motion(p, s, NOTHING, ["hinge"], (p, weak), held) is None
     found = residual_of_motion(p, s, NOTHING, ["hinge"], (p, weak), held)
     want = errors(p.sim, with_function(p.ctx, weak, term, theta), held.windows, p.noise).rms
@@ -153,12 +148,12 @@ def test_a_force_that_drives_a_joint_on_does_not_run_away(rubbing, monkeypatch):
     _, p = rubbing
     effect = Residual((Axis("v", -3.0, 3.0),), 3.0)
     drives = with_function(p.ctx, NOTHING, Term(effect.id, HINGE), 0.5 * np.linspace(-1, 1, 9))
-    speeds = roll_out.greatest_speeds(p, [drives, NOTHING])
-    assert speeds.shape == (2, 1) and speeds[0, 0] < 40.0
-    for told, kept in (
-        (speeds, True),
-        (np.array([[300.0], [2.0]]), False),
-        (np.array([[np.inf], [2.0]]), False),
-    ):
+    speeds = roll_out.greatest_speeds(p, [NOTHING, drives])
+    assert speeds.shape == (2, 1) and speeds[1, 0] < 40.0
+    away, gone = np.array([[2.0], [300.0]]), np.array([[2.0], [np.inf]])
+    for told, kept in ((speeds, 1), (away, 0), (gone, 0)):
         monkeypatch.setattr(roll_out, "greatest_speeds", lambda *_, told=told: told)
-        assert roll_out.stays(p, drives, NOTHING) is kept
+        assert roll_out.staying(p, [NOTHING, drives]) == kept
+    # what comes after one that runs away does not stay either
+    monkeypatch.setattr(roll_out, "greatest_speeds", lambda *_: np.array([[2.0], [3.0], [300.0], [300.0]]))
+    assert roll_out.staying(p, [NOTHING] * 4) == 1

@@ -10,6 +10,7 @@ import pytest
 
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
+from mpge_jax.diagnosis.simulation.pushes import Push
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from tests.diagnosis.machines import PENDULUM, record
 from tests.diagnosis.searches import DAMPING, prepared_of
@@ -78,7 +79,7 @@ def test_whatever_changes_a_simulation_is_told_apart(swinging, monkeypatch):
     for k, x in enumerate(others):
         sim.residuals([run], x)
         assert len(asked) == k + 1
-    for k, r in enumerate([replace(run, theta=np.array([0.06])), replace(run, push=(0, 0.1))]):
+    for k, r in enumerate([replace(run, theta=np.array([0.06])), replace(run, push=Push(0, 0.1))]):
         sim.residuals([r], w)
         assert len(asked) == len(others) + k + 1
     with sim.integrator(mujoco.mjtIntegrator.mjINT_RK4):

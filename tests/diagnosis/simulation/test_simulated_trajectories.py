@@ -9,6 +9,7 @@ from mpge_jax.diagnosis.effects.candidates import all_terms, compatible
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.machine.joint_space import difference
 from mpge_jax.diagnosis.simulation.batch_simulator import BY_THE_ENGINE, STEP_BY_STEP, Run, Simulator
+from mpge_jax.diagnosis.simulation.pushes import Push
 from mpge_jax.diagnosis.simulation.windows import Windows
 from tests.diagnosis.machines import ARM, BOX, record
 from tests.diagnosis.searches import prepared_of
@@ -41,7 +42,7 @@ def test_a_force_of_nothing_changes_nothing(machine):
 @pytest.mark.parametrize("way", [BY_THE_ENGINE, STEP_BY_STEP])
 def test_what_diverges_rests_where_it_began_and_others_go_on(machine, way):
     sim, w, runs = machine[way == STEP_BY_STEP], machine[2], machine[3]
-    wild = Run(Hypothesis(), np.zeros(0), push=(0, 1e12))
+    wild = Run(Hypothesis(), np.zeros(0), push=Push(0, 1e12))
     assert sim._way(wild) == way
     expected = sim.residuals(runs[:2], w)
     fresh = Simulator(sim.model, sim.ctx, always=sim.always)

@@ -61,7 +61,8 @@ def servo_jumps(r: Recording, states: States, plain: mujoco.MjModel) -> Array:
     before = np.concatenate([r.ctrl[:1], r.ctrl[:-1]])
     for a in range(plain.nu):
         if is_servo(plain, a):
-            out[:, a] = plain_force(plain, a, r.ctrl, states) - plain_force(plain, a, before, states)
+            now, then = (plain_force(plain, a, u, states.qpos, states.qvel) for u in (r.ctrl, before))
+            out[:, a] = now - then
     # a force that was not measured is a straight line between its neighbours
     return np.where(np.isfinite(r.known("force")), out, 0.0)
 
@@ -74,7 +75,7 @@ def nominal(r: Recording, states: States, plain: mujoco.MjModel) -> Law:
             continue
         slopes[:, a] = plain.actuator_biasprm[a, 1:3]
         if plain.actuator_forcelimited[a]:
-            force = plain_force(plain, a, r.ctrl, states)
+            force = plain_force(plain, a, r.ctrl, states.qpos, states.qvel)
             low, high = plain.actuator_forcerange[a]
             slopes[(force <= low) | (force >= high), a] = 0.0
     return Law(servo_jumps(r, states, plain), np.where(np.isfinite(r.known("force"))[..., None], slopes, 0.0))

@@ -7,7 +7,6 @@ import numpy as np
 
 from mpge_jax.diagnosis.machine.model import clipped, has_plain_law, is_joint_transmission
 from mpge_jax.diagnosis.recordings.recording import Recording
-from mpge_jax.diagnosis.recordings.states import States
 
 
 def measured_forces(recordings: list[Recording], model: mujoco.MjModel) -> np.ndarray:
@@ -61,23 +60,28 @@ def is_servo(plain: mujoco.MjModel, a: int) -> bool:
     return bool(plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and has_plain_law(plain, a))
 
 
-def plain_force(plain: mujoco.MjModel, a: int, ctrl: np.ndarray, states: States) -> np.ndarray:
-    """Force [T] that the model expects of actuator `a` (see `has_plain_law`) under commands [T, nu] in given states."""
+def plain_force(
+    plain: mujoco.MjModel, a: int, ctrl: np.ndarray, qpos: np.ndarray, qvel: np.ndarray
+) -> np.ndarray:
+    """Force [T] that the model expects of actuator `a` (see `has_plain_law`) under commands [T, nu] along a
+    motion [T, nq], [T, nv]."""
     force = plain.actuator_gainprm[a, 0] * clipped(plain, ctrl)[:, a]
     if plain.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE:
         constant, stiffness, damping = plain.actuator_biasprm[a, :3]
-        length, speed = stroke(plain, a, states)
+        length, speed = stroke(plain, a, qpos, qvel)
         force = force + constant + stiffness * length + damping * speed
     limited = plain.actuator_forcelimited[a]
     return np.clip(force, *plain.actuator_forcerange[a]) if limited else force
 
 
-def stroke(model: mujoco.MjModel, a: int, states: States) -> tuple[np.ndarray, np.ndarray]:
+def stroke(
+    model: mujoco.MjModel, a: int, qpos: np.ndarray, qvel: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Length and speed [T] of an actuator on one joint, with its gear; zeros of others."""
     if not is_joint_transmission(model, a):
-        return np.zeros(len(states.qpos)), np.zeros(len(states.qpos))
+        return np.zeros(len(qpos)), np.zeros(len(qpos))
     joint, gear = int(model.actuator_trnid[a, 0]), float(model.actuator_gear[a, 0])
     return (
-        gear * states.qpos[:, model.jnt_qposadr[joint]],
-        gear * states.qvel[:, model.jnt_dofadr[joint]],
+        gear * qpos[:, model.jnt_qposadr[joint]],
+        gear * qvel[:, model.jnt_dofadr[joint]],
     )
