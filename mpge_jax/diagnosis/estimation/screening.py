@@ -12,6 +12,7 @@ from mpge_jax.diagnosis.estimation.estimate import Fitted, prior_loss
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import Slopes, slopes_of
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, promise, proposals
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
+from mpge_jax.diagnosis.machine.model import actuators_of_joint
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.cheaper_steps import Near
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -31,7 +32,8 @@ WHERE_PLAIN_HELPS = (*ELABORATE, "viscous_damping:explicit")
 PLAIN = ("coulomb_friction", "viscous_damping", "quadratic_drag")
 """Laws of friction that contain no other."""
 PLACES = 3
-"""Places at which the elaborate laws are tried: where plain ones help most."""
+"""Places at which the elaborate laws are tried: where plain ones help most; and joints at which gaps are: where
+anything does."""
 PROMISING = 0.01
 """Share of the loss that a linearised step must promise to be simulated, and a quick fit keep to be fitted further."""
 NEARER = 0.1
@@ -56,7 +58,8 @@ def screen(
 
     Every start of every term is simulated, the best ones are linearised once, with the base's parameters free, and two
     step lengths are simulated where the linear model promises anything. The base's own Jacobian is shared by all.
-    Elaborate laws of friction, and second forms of plain ones, are tried where a plain one helps.
+    Elaborate laws of friction, and second forms of plain ones, are tried where a plain one helps; gaps in drives, each
+    of which takes as long as ten others, where anything else at the joint or its drives does.
 
     Args:
         slopes: of the base (`slopes_of`), if they are known.
@@ -67,20 +70,39 @@ def screen(
         robust_loss(white.excess(_whitened(near, [Run(base.hypothesis, base.theta)], white))).mean()
     )
     elaborate = [t for t in terms if t.id in WHERE_PLAIN_HELPS]
-    always = [t for t in terms if t.id not in WHERE_PLAIN_HELPS]
+    gaps = [t for t in terms if t.effect.rugged]
+    always = [t for t in terms if t.id not in WHERE_PLAIN_HELPS and not t.effect.rugged]
     found = _quick_fits(near, base, always, white, own, before)
     plain: dict[Place, float] = {}
+    anything: dict[Place, float] = {}
     known: dict[Term, Array] = {}
     for f in found:
         for t, theta in f.hypothesis.split(sim.ctx, f.theta).items():
-            if t.id in PLAIN and t not in base.hypothesis.terms:
+            if t in base.hypothesis.terms:
+                continue
+            for gap in gaps:
+                if _at_its_joint(sim.ctx, t.place, gap.place):
+                    anything[gap.place] = min(anything.get(gap.place, np.inf), f.loss)
+            if t.id in PLAIN:
                 plain[t.place] = min(plain.get(t.place, np.inf), f.loss)
                 known[t] = theta
     limit = _promising(before)
-    places = [q for q in sorted(plain, key=lambda q: plain[q]) if plain[q] < limit][:PLACES]
-    elaborate = [t for t in elaborate if t.place in places or t.place not in plain]
-    found += _quick_fits(near, base, elaborate, white, own, before, known)
+    further = _where_it_helps(elaborate, plain, limit) + _where_it_helps(gaps, anything, limit)
+    found += _quick_fits(near, base, further, white, own, before, known)
     return sorted(found, key=lambda f: f.loss)
+
+
+def _where_it_helps(terms: list[Term], losses: dict[Place, float], limit: float) -> list[Term]:
+    """The terms at the places with the least losses below a limit, or where nothing was tried."""
+    places = [q for q in sorted(losses, key=lambda q: losses[q]) if losses[q] < limit][:PLACES]
+    return [t for t in terms if t.place in places or t.place not in losses]
+
+
+def _at_its_joint(ctx: Context, place: Place, joint: Place) -> bool:
+    """Whether a place is a joint or one of its actuators."""
+    return place == joint or (
+        place.kind == "actuator" and place.index in actuators_of_joint(ctx.model, joint.index)
+    )
 
 
 def better_beside(

@@ -267,14 +267,23 @@ def nuisances(sim: Simulator, hypothesis: Hypothesis, theta: Array, w: Windows) 
     out = numerics(sim, hypothesis, theta, w)
     run = [Run(hypothesis, theta)]
     plain = sim.residuals(run, w)[0]
-    motions = w.otherwise() if sim.guided else []
-    for k, moved in enumerate(motions):
-        out[f"{GUIDED} {k}"] = (sim.residuals(run, moved)[0] - plain) / np.sqrt(len(motions))
+    for k, changed in enumerate(_guided_otherwise(sim, run, w)):
+        out[f"{GUIDED} {k}"] = changed
     for a in sorted({t.place.index for t in hypothesis.terms if t.effect.commands}):
         other = w.commanded_before(a)
         if other is not None:
             out[f"{BEFORE} {a}"] = sim.residuals(run, other)[0] - plain
     return out
+
+
+def _guided_otherwise(sim: Simulator, run: list[Run], w: Windows) -> list[Array]:
+    """Changes [W, N, 2 nv] by what guided joints may have done instead, whose squares add up to their variance."""
+    motions = w.otherwise() if sim.guided else []
+    if not motions:
+        return []
+    simulate = sim.cheaply if sim.costly(w) else sim.residuals
+    plain, *moved = (simulate(run, x)[0] for x in (w, *motions))
+    return [(x - plain) / np.sqrt(len(motions)) for x in moved]
 
 
 def whitener_beside(

@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.effects.base import REGISTRY
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.drive.flexible import JointFlexibility
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.estimation import screening
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem, proposals
@@ -33,6 +34,13 @@ from mpge_jax.diagnosis.simulation.runtime_effects import Runtime
 from tests.diagnosis.machines import BOX, FINE_PENDULUM, excitation, record
 from tests.diagnosis.searches import COULOMB, DAMPING, search_of
 
+GEARED = """
+<mujoco><option timestep="0.005" integrator="implicitfast"/><default><geom type="capsule" size="0.02" mass="0.3"/>
+<joint axis="0 1 0" armature="0.01" damping="0.05"/></default><worldbody><body name="upper"><joint name="shoulder"/>
+<geom fromto="0 0 0 0 0 -.3"/><body name="fore" pos="0 0 -.3"><joint name="elbow"/><geom fromto="0 0 0 0 0 -.2"/>
+</body></body></worldbody><actuator><motor name="s" joint="shoulder" ctrlrange="-2 2"/>
+<motor name="e" joint="elbow" ctrlrange="-2 2"/></actuator></mujoco>
+"""
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
 FLEXIBLE = {"stiffness": 8.0, "damping": 0.05}
 
@@ -305,3 +313,25 @@ def test_a_richer_law_is_looked_at_where_it_promises_more_than_the_plain_one(rub
     assert begun(_search(FINE_PENDULUM, record(FINE_PENDULUM, 0.8, force=one_sided, seconds=3.0))) == [
         by_direction
     ]
+
+
+def test_gaps_are_looked_for_where_anything_else_helps(monkeypatch):
+    """Nowhere on a machine that lacks nothing."""
+    s = _search(GEARED, record(GEARED, 0.6, seconds=1.5))
+    gaps = {t.place.name for t in s.terms if t.id == "backlash"}
+    assert gaps == {"shoulder", "elbow"}
+    tried: list[Term] = []
+    quick = screening._quick_fits
+    monkeypatch.setattr(
+        screening,
+        "_quick_fits",
+        lambda near, base, terms, *rest: tried.extend(terms) or quick(near, base, terms, *rest),
+    )
+    sample = s.sample(NOTHING, s.whiten_one(NOTHING, s.train))
+    assert s.screened(NOTHING, sample, s.terms) and tried
+    assert not any(t.id == "backlash" for t in tried)
+    # of several joints those at which most goes away, and those of which nothing is known
+    places = [Place("joint", name, k) for k, name in enumerate("abcdef")]
+    losses = dict(zip(places, [0.3, 0.1, 0.9, 0.2, 0.4], strict=False))
+    terms = [Term("backlash", place) for place in places]
+    assert [t.place.name for t in screening._where_it_helps(terms, losses, 0.5)] == ["a", "b", "d", "f"]
