@@ -16,7 +16,6 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.diagnosis import Diagnosis
 from mpge_jax.diagnosis.drives.driven_machine import as_encoders_read, driven_as_found, measured_servos
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.evidence.scored import Reached
 from mpge_jax.diagnosis.force_balance import procedure as force_balance
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
 from mpge_jax.diagnosis.measurement.finer_steps import in_steps_as_seen
@@ -24,7 +23,7 @@ from mpge_jax.diagnosis.measurement.measurement_model import WAYS, MeasurementMo
 from mpge_jax.diagnosis.recordings.reader import read
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.selection import checkpoint
-from mpge_jax.diagnosis.selection.procedure import Decision, Found, decide, look, tested
+from mpge_jax.diagnosis.selection.procedure import Decision, Found, decide, go_on, look, tested
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search, check_windows
 from mpge_jax.diagnosis.verdict.beside_unknown import beside_unknown
@@ -161,8 +160,8 @@ def _read_given(found: Found, reading: Reading, ways: list[Way], say: Progress) 
             continue
         say("the recordings are read otherwise, given what was found; going on from there")
         ways.remove(way)
-        p, log = again.read(), s.log
-        s = build_search(p, say, p.config.decide_s)
-        s.log, s.resume = log, Reached(found.fit)
-        reading, found = (again, p, s), look(p, s)
+        p = again.read()
+        anew = build_search(p, say, p.config.decide_s)
+        go_on(anew, s, found.fit)
+        reading, found = (again, p, anew), look(p, anew)
     return reading, found

@@ -1,6 +1,7 @@
 """The alternation of measurement model and physics: what moves is read anew, and the search goes on from there."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.measurement import measurement_model
 from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
+from mpge_jax.diagnosis.selection import procedure
 from mpge_jax.diagnosis.selection.procedure import Decision, Look
 from tests.diagnosis.searches import COULOMB, fitted
 
@@ -104,6 +106,20 @@ def test_another_remainder_asks_the_recordings_too(machine, decision, monkeypatc
     bench = Bench(monkeypatch, (), [left], [decision])
     bench.run(machine)
     assert len(bench.asked) == 2 * len(PARTS)
+
+
+@pytest.mark.parametrize(
+    ("looked", "after", "again"),
+    [(True, 3.9, False), (True, 1.0, True), (False, 3.9, True), (False, 1.0, True)],
+)
+def test_joints_are_looked_at_together_again_where_another_reading_takes_much_away(
+    decision, monkeypatch, looked, after, again
+):
+    monkeypatch.setattr(procedure, "_usual", lambda s, _f: s.usual)
+    before = SimpleNamespace(log=["found"], looked=looked, usual=4.0)
+    anew = SimpleNamespace(log=[], looked=False, usual=after)
+    procedure.go_on(anew, before, decision.fit)
+    assert (not anew.looked) == again and anew.log is before.log and anew.resume.fit is decision.fit
 
 
 def test_delays_move_where_those_of_the_physics_found_differ_clearly(rubbing, decision, monkeypatch):

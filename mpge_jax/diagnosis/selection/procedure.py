@@ -34,7 +34,7 @@ from mpge_jax.diagnosis.selection.remainder import Remainder, leaves, remainder
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.selection.setup import build_search
 from mpge_jax.diagnosis.simulation.windows import Windows
-from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, EXCHANGES, SLIGHT
+from mpge_jax.diagnosis.thresholds import ENOUGH_WINDOWS, EXCHANGES, REMAINS, SLIGHT
 
 REFINED = 60
 """Windows of the reported length, at most, from which parameters are refined in the end."""
@@ -92,6 +92,14 @@ def look(p: Prepared, s: Search) -> Look:
     f, whites = needed_fit(s, f)
     noise, left = (None, None) if s.sim.rugged(f.hypothesis) else what_is_left(p, f, s)
     return Look(f, noise, left, whites, last)
+
+
+def go_on(s: Search, before: Search, f: Fitted) -> None:
+    """Have a search begin with what one found in the same recordings as they were read before. All joints are looked at
+    together once more only where much of what was left goes away with the other reading."""
+    s.log, s.resume = before.log, Reached(f)
+    if before.looked:
+        s.looked = _usual(s, f) > REMAINS * _usual(before, f)
 
 
 def decide(p: Prepared, s: Search, say: Callable[[str], None], looked: Look) -> Decision:
