@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -157,3 +158,13 @@ def test_a_force_that_drives_a_joint_on_does_not_run_away(rubbing, monkeypatch):
     # what comes after one that runs away does not stay either
     monkeypatch.setattr(roll_out, "greatest_speeds", lambda *_: np.array([[2.0], [3.0], [300.0], [300.0]]))
     assert roll_out.staying(p, [NOTHING] * 4) == 1
+    # what does not stay in larger steps may do so in the model's own
+    asked = []
+
+    def told(_p, fits, cheaply):
+        asked.append(cheaply)
+        return np.array([[2.0], [300.0 if cheaply else 3.0]])
+
+    monkeypatch.setattr(roll_out, "greatest_speeds", told)
+    coarse = replace(p, sim=replace(p.sim, stride=2))
+    assert roll_out.staying(coarse, [NOTHING, drives]) == 1 and asked == [True, False]
