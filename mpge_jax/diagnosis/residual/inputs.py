@@ -50,7 +50,7 @@ def values_of(p: Prepared, s: Source, place: Place, stride: int = 1) -> dict[str
     """Values of every input that is known, over every `stride`-th row of a recording."""
     which = slice(None, None, stride)
     q, v = s.states.qpos[which], s.states.qvel[which]
-    out = values_along(p, place, q, v) | drives_along(p, place, q, v, s.command[which])
+    out = values_along(p, place, q, v) | _drives_along(p, place, q, v, s.command[which])
     return out | {key: x[which] for key, x in since_turns(p, place, s.states.qpos).items()}
 
 
@@ -62,13 +62,13 @@ def values_within(p: Prepared, w: Windows, place: Place, times: Array) -> dict[s
     for k, source in enumerate(w.source.tolist()):
         s, at = w.sources[source], w.start[k] + times
         q, v = s.motion_at(p.model, at)
-        here = values_along(p, place, q, v) | drives_along(p, place, q, v, w.command[k, step])
+        here = values_along(p, place, q, v) | _drives_along(p, place, q, v, w.command[k, step])
         since = {key: np.interp(at, s.recording.time, x) for key, x in turns[source].items()}
         found.append(here | since)
     return {key: np.array([x[key] for x in found]) for key in found[0]}
 
 
-def drives_along(p: Prepared, place: Place, qpos: Array, qvel: Array, command: Array) -> dict[str, Array]:
+def _drives_along(p: Prepared, place: Place, qpos: Array, qvel: Array, command: Array) -> dict[str, Array]:
     """Forces [N] of the drives of joints whose law is plain, along a motion [N, nq], [N, nv] under commands [N, nu]."""
     m, out = p.model, {}
     for key, where in {DRIVE: place, **{key_of(DRIVE, x.name): x for x in _others(p, place)}}.items():

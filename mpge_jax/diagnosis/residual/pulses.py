@@ -4,6 +4,7 @@ there would change, without a simulation for each of its values."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -44,13 +45,12 @@ class Pulses:
 
     @staticmethod
     def at(p: Prepared, f: Fitted, place: Place, w: Windows) -> Pulses:
-        dof, edges = p.ctx.dof(place), np.linspace(0.0, 1.0, PULSES + 1)
+        """Simulate the windows of `f` without and with each pulse at a joint."""
+        dof, edges = p.ctx.dof(place), np.linspace(0.0, 1.0, PULSES + 1).tolist()
         # as much as a push along the whole window
         force = PUSH * PULSES * max(float(p.ctx.torque[dof]), 1e-9)
-        pushes = [
-            Push(dof, force, *part) for part in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
-        ]
-        runs = [Run(f.hypothesis, f.theta), *(Run(f.hypothesis, f.theta, push=push) for push in pushes)]
+        pushes = [None, *(Push(dof, force, *part) for part in pairwise(edges))]
+        runs = [Run(f.hypothesis, f.theta, push=push) for push in pushes]
         left, *pushed = Near.to(p.sim, runs[0], w).residuals(runs)
         within = w.steps * w.dt * (np.arange(PULSES * TIMES) + 0.5) / (PULSES * TIMES)
         values = {key: x.reshape(-1, PULSES, TIMES) for key, x in values_within(p, w, place, within).items()}

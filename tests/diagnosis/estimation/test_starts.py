@@ -335,3 +335,8 @@ def test_gaps_are_looked_for_where_anything_else_helps(monkeypatch):
     losses = dict(zip(places, [0.3, 0.1, 0.9, 0.2, 0.4], strict=False))
     terms = [Term("backlash", place) for place in places]
     assert [t.place.name for t in screening._where_it_helps(terms, losses, 0.5)] == ["a", "b", "d", "f"]
+    assert [t.place.name for t in screening._where_it_helps(terms, losses, 0.25)] == ["b", "d", "f"]
+    shoulder, elbow = (Place("joint", name, k) for k, name in enumerate(("shoulder", "elbow")))
+    motor = Place("actuator", "e", 1)
+    at = [screening._at_its_joint(s.sim.ctx, place, elbow) for place in (elbow, motor, shoulder)]
+    assert at == [True, True, False] and not screening._at_its_joint(s.sim.ctx, motor, shoulder)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,15 @@ def test_pushes_by_the_step_from_which_on_they_act():
     # at the end nothing changes any more, and without any nothing acts
     assert list(by_step([(Push(0, 1.0, 0.5, 1.0), np.array([0]))], 1, 1, 4)) == [0, 2]
     np.testing.assert_array_equal(by_step([], 3, 2, 4)[0], np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize("steps", [7, 12, 20, 125])
+def test_one_after_the_other_they_push_in_every_step_once(steps):
+    edges = np.linspace(0.0, 1.0, 21).tolist()
+    pushes = [Push(0, 1.0, *part) for part in pairwise(edges)]
+    told = by_step([(push, np.array([k])) for k, push in enumerate(pushes)], 20, 1, steps)
+    along = [told[max(k for k in told if k <= step)] for step in range(steps)]
+    np.testing.assert_array_equal(np.sum(along, 1), 1.0)
 
 
 @pytest.mark.parametrize("way", [BY_THE_ENGINE, STEP_BY_STEP])
