@@ -5,12 +5,11 @@ from __future__ import annotations
 import mujoco
 import pytest
 
-from mpge_jax.diagnosis import pipeline
 from mpge_jax.diagnosis.residual import motion
 from mpge_jax.diagnosis.residual.inputs import functions
 from mpge_jax.diagnosis.verdict import judgement
 from tests.diagnosis.machines import FINE_PENDULUM, PENDULUM, really_sticks, record
-from tests.diagnosis.searches import search_of
+from tests.diagnosis.searches import look_for_nothing_beside, search_of
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +39,7 @@ def rubbing_finely():
 @pytest.fixture
 def left_alone(monkeypatch):
     """What is left is told and no more: nothing is looked for beside it, and no function models it."""
-    monkeypatch.setattr(pipeline, "beside_unknown", lambda p, s, found, held, say: (found, held))
+    look_for_nothing_beside(monkeypatch)
     monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: None)
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+import pytest
 
-from mpge_jax.diagnosis import REGISTRY, Config, Recording
+from mpge_jax.diagnosis import REGISTRY, Config, Recording, pipeline
 from mpge_jax.diagnosis.dataset.preparation import prepare
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.base import find_place
@@ -30,6 +31,11 @@ MISTAKEN_FOR_FRICTION = (
     "viscous_damping", "stribeck_friction", "quadratic_drag", "armature", "actuator_deadzone", "mass_scale",
 )  # fmt: skip
 """Where the rest of the vocabulary only takes time."""
+
+
+def look_for_nothing_beside(patch: pytest.MonkeyPatch) -> None:
+    """What has no name is left as it is: nothing is looked for beside it."""
+    patch.setattr(pipeline, "beside_unknown", lambda _p, _s, found, held, _say: (found, held))
 
 
 def prepared_of(xml: str, recordings: list[Recording]) -> Prepared:

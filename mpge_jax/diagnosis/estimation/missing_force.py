@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.whitening import Whitener, whitener
 from mpge_jax.diagnosis.machine.model import floating_base_joints
@@ -69,9 +70,14 @@ class Probed:
         return along / np.maximum(cost, 1e-300), whole
 
 
+def slight_forces(ctx: Context) -> Array:
+    """Forces [nv] that are small beside the machine's own."""
+    return np.asarray(PUSH * np.maximum(ctx.torque, 1e-9))
+
+
 def pushes(sim: Simulator, f: Fitted, dofs: Iterable[int]) -> tuple[Array, list[Run]]:
-    """Forces [nv] that are small beside the machine's own, and the runs of `f` without them and with each of some."""
-    scale = PUSH * np.maximum(sim.ctx.torque, 1e-9)
+    """Slight forces [nv], and the runs of `f` without them and with each of some."""
+    scale = slight_forces(sim.ctx)
     pushed = [Run(f.hypothesis, f.theta, push=Push(d, float(scale[d]))) for d in dofs]
     return scale, [Run(f.hypothesis, f.theta), *pushed]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -73,23 +74,25 @@ def screen(
     gaps = [t for t in terms if t.effect.rugged]
     always = [t for t in terms if t.id not in WHERE_PLAIN_HELPS and not t.effect.rugged]
     found = _quick_fits(near, base, always, white, own, before)
-    plain: dict[Place, float] = {}
-    anything: dict[Place, float] = {}
-    known: dict[Term, Array] = {}
-    for f in found:
-        for t, theta in f.hypothesis.split(sim.ctx, f.theta).items():
-            if t in base.hypothesis.terms:
-                continue
-            for gap in gaps:
-                if _at_its_joint(sim.ctx, t.place, gap.place):
-                    anything[gap.place] = min(anything.get(gap.place, np.inf), f.loss)
-            if t.id in PLAIN:
-                plain[t.place] = min(plain.get(t.place, np.inf), f.loss)
-                known[t] = theta
+    parts = [(f.loss, f.hypothesis.split(sim.ctx, f.theta)) for f in found]
+    told = {t: loss for loss, its in parts for t in its if t not in base.hypothesis.terms}
+    known = {t: its[t] for _, its in parts for t in its if t in told and t.id in PLAIN}
+    plain = _least((t.place, told[t]) for t in known)
+    anything = _least(
+        (gap.place, told[t]) for gap in gaps for t in told if _at_its_joint(sim.ctx, t.place, gap.place)
+    )
     limit = _promising(before)
     further = _where_it_helps(elaborate, plain, limit) + _where_it_helps(gaps, anything, limit)
     found += _quick_fits(near, base, further, white, own, before, known)
     return sorted(found, key=lambda f: f.loss)
+
+
+def _least(losses: Iterable[tuple[Place, float]]) -> dict[Place, float]:
+    """The least loss at each place."""
+    out: dict[Place, float] = {}
+    for place, loss in losses:
+        out[place] = min(out.get(place, np.inf), loss)
+    return out
 
 
 def _where_it_helps(terms: list[Term], losses: dict[Place, float], limit: float) -> list[Term]:

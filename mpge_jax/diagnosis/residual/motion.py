@@ -11,6 +11,7 @@ from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.residual.family import residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
+from mpge_jax.diagnosis.estimation.missing_force import slight_forces
 from mpge_jax.diagnosis.estimation.prediction_error import errors
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.evidence.folds import folds
@@ -45,8 +46,6 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 Array = np.ndarray
 WINDOWS = 100
 """Windows, at most, that a function is fitted to."""
-PROBE = 0.02
-"""Force, in the machine's typical ones, by which the windows' answers to a function's values are told."""
 STEPS, PASSES = 4, 3
 """Steps of Gauss and Newton, at most; and how often inputs are chosen and these steps taken: at first with noise
 enlarged by all that is missing, then by what the last choice leaves."""
@@ -176,7 +175,7 @@ class _Task:
         """The windows' least-squares problem of a function's values, told near some values."""
         p, f = self.p, with_function(self.p.ctx, self.known, term, theta)
         part = f.hypothesis.slices(p.ctx)[f.hypothesis.terms.index(term)]
-        step = PROBE * max(float(p.ctx.torque[p.ctx.dof(term.place)]), 1e-9)
+        step = float(slight_forces(p.ctx)[p.ctx.dof(term.place)])
         runs = [Run(f.hypothesis, f.theta)]
         for k in range(part.start, part.stop):
             moved = f.theta.copy()

@@ -12,7 +12,7 @@ from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.residual.force import Residual
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.estimation.missing_force import PUSH
+from mpge_jax.diagnosis.estimation.missing_force import slight_forces
 from mpge_jax.diagnosis.estimation.whitening import Whitener
 from mpge_jax.diagnosis.residual.inputs import values_within
 from mpge_jax.diagnosis.residual.regression import Blocks
@@ -48,7 +48,7 @@ class Pulses:
         """Simulate the windows of `f` without and with each pulse at a joint."""
         dof, edges = p.ctx.dof(place), np.linspace(0.0, 1.0, PULSES + 1).tolist()
         # as much as a push along the whole window
-        force = PUSH * PULSES * max(float(p.ctx.torque[dof]), 1e-9)
+        force = PULSES * float(slight_forces(p.ctx)[dof])
         pushes = [None, *(Push(dof, force, *part) for part in pairwise(edges))]
         runs = [Run(f.hypothesis, f.theta, push=push) for push in pushes]
         left, *pushed = Near.to(p.sim, runs[0], w).residuals(runs)

@@ -31,16 +31,9 @@ from mpge_jax.diagnosis.simulation.batch_simulator import MANY_STEPS, Run
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.runtime_effects import Runtime
-from tests.diagnosis.machines import BOX, FINE_PENDULUM, excitation, record
+from tests.diagnosis.machines import ARM, BOX, FINE_PENDULUM, excitation, record
 from tests.diagnosis.searches import COULOMB, DAMPING, search_of
 
-GEARED = """
-<mujoco><option timestep="0.005" integrator="implicitfast"/><default><geom type="capsule" size="0.02" mass="0.3"/>
-<joint axis="0 1 0" armature="0.01" damping="0.05"/></default><worldbody><body name="upper"><joint name="shoulder"/>
-<geom fromto="0 0 0 0 0 -.3"/><body name="fore" pos="0 0 -.3"><joint name="elbow"/><geom fromto="0 0 0 0 0 -.2"/>
-</body></body></worldbody><actuator><motor name="s" joint="shoulder" ctrlrange="-2 2"/>
-<motor name="e" joint="elbow" ctrlrange="-2 2"/></actuator></mujoco>
-"""
 HINGE, MOTOR = Place("joint", "hinge", 0), Place("actuator", "motor", 0)
 FLEXIBLE = {"stiffness": 8.0, "damping": 0.05}
 
@@ -315,28 +308,31 @@ def test_a_richer_law_is_looked_at_where_it_promises_more_than_the_plain_one(rub
     ]
 
 
-def test_gaps_are_looked_for_where_anything_else_helps(monkeypatch):
-    """Nowhere on a machine that lacks nothing."""
-    s = _search(GEARED, record(GEARED, 0.6, seconds=1.5))
-    gaps = {t.place.name for t in s.terms if t.id == "backlash"}
-    assert gaps == {"shoulder", "elbow"}
+@pytest.mark.parametrize("helped", [(), ("elbow",), ("elbow_servo",), ("elbow", "shoulder_motor")])
+def test_gaps_are_looked_for_where_anything_else_helps(monkeypatch, helped):
+    s = _search(ARM, record(ARM, [2.0, 1.0], seconds=1.5))
+    assert {t.place.name for t in s.terms if t.id == "backlash"} == {"shoulder", "elbow"}
     tried: list[Term] = []
-    quick = screening._quick_fits
-    monkeypatch.setattr(
-        screening,
-        "_quick_fits",
-        lambda near, base, terms, *rest: tried.extend(terms) or quick(near, base, terms, *rest),
-    )
-    sample = s.sample(NOTHING, s.whiten_one(NOTHING, s.train))
-    assert s.screened(NOTHING, sample, s.terms) and tried
-    assert not any(t.id == "backlash" for t in tried)
-    # of several joints those at which most goes away, and those of which nothing is known
+
+    def quick_fits(_near, base, terms, _white, _own, before, *_known):
+        tried.extend(terms)
+        worth = {t: 0.5 * before if t.place.name in helped else before for t in terms}
+        starts = {t: np.asarray(t.effect.starts(s.sim.ctx, t.place))[0] for t in terms}
+        fits = [Fitted(base.hypothesis.with_term(t), x, x) for t, x in starts.items()]
+        return [dataclasses.replace(f, loss=worth[t]) for f, t in zip(fits, terms, strict=True)]
+
+    monkeypatch.setattr(screening, "_quick_fits", quick_fits)
+    white = s.whiten_one(NOTHING, s.train)
+    assert len(screening.screen(s.sim, NOTHING, s.terms, s.train, white)) == len(tried) > 0
+    joints = {"elbow_servo": "elbow", "shoulder_motor": "shoulder"}
+    found = {t.place.name for t in tried if t.id == "backlash"}
+    assert found == {joints.get(name, name) for name in helped}
+
+
+def test_what_takes_long_is_tried_where_it_helps_most():
+    """Of several joints those at which most goes away, and those of which nothing is known."""
     places = [Place("joint", name, k) for k, name in enumerate("abcdef")]
     losses = dict(zip(places, [0.3, 0.1, 0.9, 0.2, 0.4], strict=False))
     terms = [Term("backlash", place) for place in places]
     assert [t.place.name for t in screening._where_it_helps(terms, losses, 0.5)] == ["a", "b", "d", "f"]
     assert [t.place.name for t in screening._where_it_helps(terms, losses, 0.25)] == ["b", "d", "f"]
-    shoulder, elbow = (Place("joint", name, k) for k, name in enumerate(("shoulder", "elbow")))
-    motor = Place("actuator", "e", 1)
-    at = [screening._at_its_joint(s.sim.ctx, place, elbow) for place in (elbow, motor, shoulder)]
-    assert at == [True, True, False] and not screening._at_its_joint(s.sim.ctx, motor, shoulder)

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis import Config, diagnose, pipeline
+from mpge_jax.diagnosis import Config, diagnose
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.inertia.given import given_inertias
@@ -20,6 +20,7 @@ from mpge_jax.diagnosis.thresholds import SLIGHT
 from mpge_jax.diagnosis.verdict import judgement
 from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, doubtful, left_beside, left_there, matters
 from tests.diagnosis.machines import ARM, FLYER, record
+from tests.diagnosis.searches import look_for_nothing_beside
 
 MODEL = mujoco.MjModel.from_xml_string(ARM)
 P = SimpleNamespace(model=MODEL, names=names_of(MODEL))
@@ -99,7 +100,7 @@ def rubs_otherwise(plain_functions):
     effects = ("viscous_damping", "joint_stiffness")
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(judgement, "residual_of_motion", lambda *_: ResidualModel((BRAKES,), 0.2, 0.1))
-        patched.setattr(pipeline, "beside_unknown", lambda _p, _s, found, held, _say: (found, held))
+        look_for_nothing_beside(patched)
         # nobody fitted that function beside the damping
         patched.setattr(judgement, "without_needless", lambda _p, _s, found, _at, its, *_: (found, its))
         recordings = record(ARM, [4.0, 0.8], force=force, seconds=3.0)
