@@ -6,6 +6,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from scipy.signal import lfilter
 
 from mpge_jax.diagnosis.effects.actuator import OfCommand
 from mpge_jax.diagnosis.effects.base import register
@@ -96,13 +97,12 @@ class ActuatorLag(OfCommand):
         return u + (self.sampled(ctx, place, theta, u, dt) - u) * (1 - np.exp(-dt / T)) * T / dt
 
     def sampled(self, ctx: Context, place: Place, theta: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
-        decay, steps = np.exp(-dt / theta[:, 0]), np.ascontiguousarray(u.T)
-        out = np.empty_like(steps)
-        state = steps[0]
-        for k, now in enumerate(steps):
-            out[k] = state
-            state = now + (state - now) * decay
-        return out.T
+        decays, which = np.unique(np.exp(-dt / theta[:, 0]), return_inverse=True)
+        out = np.empty_like(u)
+        for k, decay in enumerate(decays):
+            rows = which == k
+            out[rows], _ = lfilter([0.0, 1.0 - decay], [1.0, -decay], u[rows], zi=u[rows, :1])
+        return out
 
     def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:
         a = element(spec.actuators, place.index)

@@ -54,42 +54,48 @@ def _filter(dt: Array, y: Array, r: Array, intensity: Array, keep: bool) -> tupl
     """
     length, batch = y.shape[:2]
     grid = intensity.shape[1]
-    mean = np.zeros((batch, grid, 3))
-    mean[..., 0] = np.nan_to_num(y[0, :, 0])[:, None]
-    cov = np.zeros((batch, grid, 3, 3))
+    mean = np.zeros((3, batch, grid))
+    mean[0] = np.nan_to_num(y[0, :, 0])[:, None]
+    cov = np.zeros((3, 3, batch, grid))
     spread = np.nanvar(y[..., 0], axis=0) + r[..., 0].max(0)
     # a wide start: the first velocity and acceleration are unknown
-    cov[..., 0, 0] = 1e2 * (spread + 1e-8)[:, None]
-    cov[..., 1, 1] = 1e4
-    cov[..., 2, 2] = 1e6
+    cov[0, 0] = 1e2 * (spread + 1e-8)[:, None]
+    cov[1, 1] = 1e4
+    cov[2, 2] = 1e6
     loglik = np.zeros((batch, grid))
     history: list[list[Array]] = [[], [], [], []]
-    f_all, q_all = _transition(dt)
+    noise = np.moveaxis(_transition(dt)[1], 1, -1)[..., None]
     for t in range(length):
         if t:
-            f = f_all[t - 1][:, None]
-            mean_p = (f @ mean[..., None])[..., 0]
-            cov_p = f @ cov @ np.swapaxes(f, -1, -2) + q_all[t - 1][:, None] * intensity[..., None, None]
-        else:
-            mean_p, cov_p = mean, cov
-        mean, cov = mean_p.copy(), cov_p.copy()
+            step = dt[t - 1][:, None]
+            mean = _onward(mean, step)
+            cov = np.swapaxes(_onward(np.swapaxes(_onward(cov, step), 0, 1), step), 0, 1)
+            cov += noise[t - 1] * intensity
+        mean_p, cov_p = mean, cov
         for k in (0, 1):
-            z = y[t, :, k]
+            z = y[t, :, k, None]
             seen = np.isfinite(z)
             if not seen.any():
                 continue
-            innovation = np.where(seen, z, 0.0)[:, None] - mean[..., k]
-            s = cov[..., k, k] + r[t, :, None, k]
-            gain = np.where(seen[:, None, None], cov[..., :, k] / s[..., None], 0.0)
-            mean = mean + gain * innovation[..., None]
-            cov = cov - gain[..., :, None] * cov[..., None, k, :]
-            cov = 0.5 * (cov + np.swapaxes(cov, -1, -2))
+            innovation = np.where(seen, z, 0.0) - mean[k]
+            s = cov[k, k] + r[t, :, k, None]
+            gain = np.where(seen, cov[:, k] / s, 0.0)
+            mean = mean + gain * innovation
+            cov = cov - gain[:, None] * cov[k]
+            cov = 0.5 * (cov + np.swapaxes(cov, 0, 1))
             if t >= 4:
-                loglik += np.where(seen[:, None], -0.5 * (np.log(s) + innovation**2 / s), 0.0)
+                loglik += np.where(seen, -0.5 * (np.log(s) + innovation**2 / s), 0.0)
         if keep:
             for store, value in zip(history, (mean_p, cov_p, mean, cov), strict=True):
                 store.append(value)
-    return loglik, [np.array(h) for h in history] if keep else []
+    kept = [np.array(h) for h in history] if keep else []
+    return loglik, [np.moveaxis(h, (-2, -1), (1, 2)) for h in kept]
+
+
+def _onward(x: Array, dt: Array) -> Array:
+    """Positions, velocities and accelerations [3, ...] a step later, where these stay."""
+    velocity = x[1] + dt * x[2]
+    return np.stack([x[0] + dt * (0.5 * (x[1] + velocity)), velocity, x[2]])
 
 
 def _smooth(dt: Array, moments: list[Array]) -> tuple[Array, Array]:

@@ -217,7 +217,7 @@ def what_is_left(p: Prepared, f: Fitted, *searches: Search) -> tuple[Floor, Rema
     """What noise alone would leave of a search's windows if `f` were true, and what it leaves if that is more: of the
     first search where it is, or of the last."""
     for its in {id(x): x for x in searches}.values():
-        noise = floor(p, f, its.length)
+        noise = floor(p, f, its.length) if its.floor is None else its.floor(f)
         searches[0].log.append(f"floor {noise.loss:.3f} +- {noise.error:.3f}")
         left = remainder(its, f, noise)
         if left is not None:

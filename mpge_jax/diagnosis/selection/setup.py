@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import partial
 
 import numpy as np
@@ -13,8 +13,9 @@ from mpge_jax.diagnosis.effects.candidates import all_terms
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.whitening import whitener
-from mpge_jax.diagnosis.evidence.null_distribution import floor, force_noise
+from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor, force_noise
 from mpge_jax.diagnosis.force_balance.driven import forces_are_known, missing_by_forces
 from mpge_jax.diagnosis.recordings.three_parts import PARTS
 from mpge_jax.diagnosis.selection.search_state import Search
@@ -22,6 +23,7 @@ from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.cheaper_steps import stride
 from mpge_jax.diagnosis.simulation.windows import Windows
 
+Array = np.ndarray
 POOL = 3
 """Training windows that are looked at for each one that is fitted."""
 FEWEST_ROWS = 3
@@ -41,7 +43,7 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
         terms.append(given_inertias(c.masses_within))
     limit = c.max_effects if c.max_effects is not None else 3 * p.model.nv + 3
     shaken = force_noise(p)
-    calibrated = partial(floor, p, length=length, shaken=shaken) if shaken.any() or p.ctx.contacts else None
+    calibrated = _remembered(p, length, shaken) if shaken.any() or p.ctx.contacts else None
     return Search(
         p.sim,
         p.noise,
@@ -56,6 +58,23 @@ def build_search(p: Prepared, say: Callable[[str], None], length: float) -> Sear
         by_forces=partial(missing_by_forces, p) if forces_are_known(p) else None,
         floor=calibrated,
     )
+
+
+def _remembered(p: Prepared, length: float, shaken: Array) -> Callable[[Fitted], Floor]:
+    """The `floor` of fits, each simulated once: a search asks of one again and again whether it leaves more."""
+    known = dict[Hashable, tuple[Floor, float]]()
+
+    def floor_of(f: Fitted) -> Floor:
+        key, before = Run(f.hypothesis, f.theta).key, p.sim.work
+        if key not in known:
+            found = floor(p, f, length, shaken)
+            known[key] = found, p.sim.work - before
+        found, work = known[key]
+        # what is decided by the work does not hang on what is remembered
+        p.sim.work = before + work
+        return found
+
+    return floor_of
 
 
 def _training_windows(p: Prepared, length: float) -> tuple[Windows, int]:

@@ -29,6 +29,8 @@ from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
 from mpge_jax.diagnosis.measurement.servo_force_age import age_of, aged, describe_age, other_age, staleness
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.recordings.validation import validate
+from mpge_jax.diagnosis.selection import setup
+from mpge_jax.diagnosis.selection.procedure import what_is_left
 from mpge_jax.diagnosis.selection.remainder import leaves
 from mpge_jax.diagnosis.simulation.driving.force_between_rows import servo_jumps
 from mpge_jax.diagnosis.simulation.driving.measured_drives import plain_force
@@ -245,6 +247,20 @@ def test_a_late_servos_force_jumps_elsewhere():
     source = p.train[0]
     assert np.abs(ActuatorSide(p.ctx).between_rows(plain)[1](source).jumps).max() > 0.1
     assert not late.between_rows(plain)[1](source).jumps.any()
+
+
+def test_a_search_simulates_what_a_fit_would_leave_once(monkeypatch):
+    p, s = _search(_driven(0.2, count=2))
+    made, own = [], setup.floor
+    monkeypatch.setattr(setup, "floor", lambda *args: made.append(args) or own(*args))
+    s.floor = setup.build_search(p, s.say, s.length).floor
+    begun = p.sim.work
+    first = s.floor(NOTHING)
+    cost = p.sim.work - begun
+    assert s.floor(NOTHING) is first and len(made) == 1
+    # as much work as if it were simulated again
+    assert p.sim.work - begun == pytest.approx(2.0 * cost) and cost > 0.0
+    assert what_is_left(p, NOTHING, s)[0] is first
 
 
 @pytest.mark.parametrize(("rate", "noise"), [(100, 0.2), (500, 0.4)])

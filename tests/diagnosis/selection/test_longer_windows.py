@@ -48,7 +48,7 @@ class Bench:
             length=length,
             sim=self.sim,
             looked=False,
-            exhausted=False,
+            floor=None,
             log=[str(length)],
         )
 

@@ -45,15 +45,25 @@ def _losses_seeing_past(s, changes, kind: str) -> list[float]:
     return losses
 
 
-def test_reclipped_bias_over_a_timeline_equals_its_steps():
-    effect = REGISTRY["actuator_bias:reclipped"]
+@pytest.mark.parametrize(
+    ("name", "theta"), [("actuator_bias:reclipped", [0.5, -1.5, 0.5]), ("actuator_lag", [0.02, 0.3, 0.02])]
+)
+def test_a_command_over_a_timeline_equals_its_steps(name, theta):
+    effect = REGISTRY[name]
     ctx = nominal_context(mujoco.MjModel.from_xml_string(PENDULUM))
     place = Place("actuator", "motor", 0)
-    u = np.random.default_rng(0).normal(0, 3, (2, 7))
-    theta = np.array([[0.5], [-1.5]])
+    u = np.random.default_rng(0).normal(0, 3, (3, 7))
+    each = np.array(theta)[:, None]
     np.testing.assert_allclose(
-        effect.timeline(ctx, place, theta, u, 0.01), Effect.timeline(effect, ctx, place, theta, u, 0.01)
+        effect.timeline(ctx, place, each, u, 0.01), Effect.timeline(effect, ctx, place, each, u, 0.01)
     )
+
+
+def test_a_lagging_command_at_the_beginnings_of_steps():
+    """Of a time constant of a step over log 2, half of the way is gone in each."""
+    theta, u = np.array([[0.01 / np.log(2.0)]]), np.array([[1.0, 5.0, 5.0, 1.0, 1.0]])
+    lagging = REGISTRY["actuator_lag"].sampled(None, None, theta, u, 0.01)
+    np.testing.assert_allclose(lagging, [[1.0, 1.0, 3.0, 4.0, 2.5]])
 
 
 def test_saturation_is_also_looked_for_near_the_largest_force():
