@@ -26,6 +26,7 @@ from mpge_jax.diagnosis.selection.competition import at_noise, loud_in
 from mpge_jax.diagnosis.selection.criteria import missed, needed, strength
 from mpge_jax.diagnosis.selection.given_masses import with_given
 from mpge_jax.diagnosis.selection.search_state import Search
+from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
@@ -42,8 +43,7 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     if current.hypothesis.rugged or at_noise(s, current, s.whiten_one(current, s.train)):
         return current
     white = s.whiten_one(current, s.train)
-    # fewer of them explain less than all do, which may not be at their best yet: half the way must be done
-    most = 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
+    most = _most(s, current, s.train, white)
     told = _by_forces(s, white)
     fits = _promising(s, told, white, most)
     if not _any_at_noise(s, fits):
@@ -70,6 +70,12 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     return chosen.fit if now < REMAINS * then and needed(chosen, before) else current
 
 
+def _most(s: Search, current: Fitted, w: Windows, white: Whitener) -> float:
+    """What may be left (`usual_excess`) to promise anything: fewer effects explain less than all do, which may not be
+    at their best yet, so that half the way must be done."""
+    return 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], w, white)[0].loss)
+
+
 def _promising(s: Search, fits: list[Fitted], white: Whitener, most: float) -> list[Fitted]:
     """Those that leave less than the `most`, in the forms that effects have alike in the whole machine: in a wrong one
     of what all joints have, further effects stand for what that leaves."""
@@ -90,27 +96,40 @@ def _by_forces(s: Search, white: Whitener) -> list[Fitted]:
     if told is None:
         return []
     told = told.of_terms(s.sim.ctx, Hypothesis.of(*(t for t in told.hypothesis.terms if t in s.terms)))
-    return fit(s.sim, [told], s.train, white, iterations=8)
+    return _fitted(s, [told], s.train, white)
 
 
 def _together(s: Search, current: Fitted, white: Whitener) -> list[Fitted]:
-    """Effects in every joint or drive on top of what is known, fitted at once."""
+    """Effects in every joint or drive on top of what is known, fitted at once: to a sample of the windows first, and
+    what drives have in common to all of them only where it promises anything there."""
     joints = [*(_with_all(s, current, keep) for keep in (False, True)), _with_all_laws(s, current)]
     drives = [_with_every_drive(s, current, (effect,)) for effect in IN_EVERY_DRIVE]
-    starts = [f for f in (*joints, *drives) if f is not None]
-    if not starts:
+    in_joints, in_drives = ([f for f in its if f is not None] for its in (joints, drives))
+    if not in_joints and not in_drives:
         return []
     s.say("trying friction, damping and rotor inertia in every joint, and what drives have in common")
-    fits = fit(s.sim, starts, s.train, white, iterations=8)
+    sample = s.sample(current, white)
+    most = _most(s, current, *sample)
+
+    def hopeful(starts: list[Fitted]) -> list[Fitted]:
+        return [f for f in _fitted(s, starts, *sample) if usual_excess(f.loss) < most]
+
+    fits = _fitted(s, [*_fitted(s, in_joints, *sample), *hopeful(in_drives)], s.train, white)
     if _any_at_noise(s, fits):
         return fits
     both = [_with_every_drive(s, joints[0] or current, effects) for effects in LATE_AND_WEAK]
     better = sorted((f for f in both if f is not None), key=lambda f: f.loss)[:1]
-    fits += fit(s.sim, better, s.train, white, iterations=8) if better else []
+    fits += _fitted(s, hopeful(better), s.train, white)
+    if not fits:
+        return []
     fits[0] = _with_load(s, fits[0], white)
     # where every joint lacks something, the masses were hardly weighed either
     free = with_given(s, fits[0])
-    return fits + ([] if free is None else fit(s.sim, [free], s.train, white, iterations=8))
+    return fits + ([] if free is None else _fitted(s, [free], s.train, white))
+
+
+def _fitted(s: Search, starts: list[Fitted], w: Windows, white: Whitener) -> list[Fitted]:
+    return fit(s.sim, starts, w, white, iterations=8, anew=w is s.train) if starts else []
 
 
 def due(s: Search, current: Fitted) -> bool:
@@ -164,7 +183,7 @@ def _with_load(s: Search, f: Fitted, white: Whitener) -> Fitted:
     found = s.screened(f, s.sample(f, white), loads) if loads else []
     if not found:
         return f
-    (loaded,) = fit(s.sim, found[:1], s.train, white, iterations=8)
+    (loaded,) = _fitted(s, found[:1], s.train, white)
     more, less = s.score([loaded, f], s.whiten(loaded))
     return loaded if needed(more, less) else f
 
