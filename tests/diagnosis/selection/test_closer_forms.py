@@ -1,6 +1,7 @@
 """Dry friction that gives way before it slides is told from friction that does not, and from a flexible drive."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -73,6 +74,23 @@ def test_friction_that_gives_way_too_little_to_matter_stays_rigid(monkeypatch):
     looks = iter([False, True])
     monkeypatch.setattr(closer_forms, "moves", lambda *_: next(looks, False))
     assert [t.id for t in closer(s, current).hypothesis.terms] == ["coulomb_friction:elastic"]
+
+
+@pytest.mark.parametrize(("factor", "fits"), [(3.0, 1), (1.0, 3)])
+def test_a_form_that_all_windows_speak_against_is_fitted_no_further(elastic, monkeypatch, factor, fits):
+    """What a sample says may be far off elsewhere."""
+    own, asked = closer_forms.fit, []
+
+    def fit(sim, starts, w, white, **options):
+        asked.append(w.count)
+        return [replace(f, theta=factor * f.theta) for f in own(sim, starts, w, white, **options)]
+
+    monkeypatch.setattr(closer_forms, "fit", fit)
+    monkeypatch.setattr(closer_forms, "moves", lambda *_: True)
+    current = fitted(elastic, {COULOMB: [SLIDES]})
+    better = closer_forms._with_better(elastic, current, closer_forms._forms(elastic, current, 1))
+    assert (better is current) == (fits == 1)
+    assert len(asked) == fits and asked[0] < elastic.train.count
 
 
 FALLING = "load_dependent_friction:falling"
