@@ -47,10 +47,10 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     told = _by_forces(s, white)
     fits = _promising(s, told, white, most)
     if not _any_at_noise(s, fits):
-        together = _together(s, current, white)
-        told, fits = told + together, fits + _promising(s, together, white, most)
-    if not told:
-        return current
+        starts = _starts(s, current)
+        if not told and not any(starts):
+            return current
+        fits += _promising(s, _together(s, current, starts, white), white, most)
     s.looked = True
     fits = _all_thinned(s, fits)
     fits = [f for f in fits if 0 < len(f.hypothesis.named) <= s.max_terms]
@@ -99,14 +99,18 @@ def _by_forces(s: Search, white: Whitener) -> list[Fitted]:
     return _fitted(s, [told], s.train, white)
 
 
-def _together(s: Search, current: Fitted, white: Whitener) -> list[Fitted]:
-    """Effects in every joint or drive on top of what is known, fitted at once: to a sample of the windows first, and
-    what drives have in common to all of them only where it promises anything there."""
+def _starts(s: Search, current: Fitted) -> tuple[list[Fitted], list[Fitted]]:
+    """What is known with effects in every joint, and with one effect of every drive."""
     joints = [*(_with_all(s, current, keep) for keep in (False, True)), _with_all_laws(s, current)]
     drives = [_with_every_drive(s, current, (effect,)) for effect in IN_EVERY_DRIVE]
-    in_joints, in_drives = ([f for f in its if f is not None] for its in (joints, drives))
-    if not in_joints and not in_drives:
-        return []
+    return [f for f in joints if f is not None], [f for f in drives if f is not None]
+
+
+def _together(
+    s: Search, current: Fitted, starts: tuple[list[Fitted], list[Fitted]], white: Whitener
+) -> list[Fitted]:
+    """Fits from `_starts`: to a sample of the windows first, and of what drives have in common to all of them only
+    where it promises anything there."""
     s.say("trying friction, damping and rotor inertia in every joint, and what drives have in common")
     sample = s.sample(current, white)
     most = _most(s, current, *sample)
@@ -114,10 +118,11 @@ def _together(s: Search, current: Fitted, white: Whitener) -> list[Fitted]:
     def hopeful(starts: list[Fitted]) -> list[Fitted]:
         return [f for f in _fitted(s, starts, *sample) if usual_excess(f.loss) < most]
 
-    fits = _fitted(s, [*_fitted(s, in_joints, *sample), *hopeful(in_drives)], s.train, white)
+    joints, drives = starts
+    fits = _fitted(s, [*_fitted(s, joints, *sample), *hopeful(drives)], s.train, white)
     if _any_at_noise(s, fits):
         return fits
-    both = [_with_every_drive(s, joints[0] or current, effects) for effects in LATE_AND_WEAK]
+    both = [_with_every_drive(s, joints[0] if joints else current, effects) for effects in LATE_AND_WEAK]
     better = sorted((f for f in both if f is not None), key=lambda f: f.loss)[:1]
     fits += _fitted(s, hopeful(better), s.train, white)
     if not fits:
@@ -129,6 +134,7 @@ def _together(s: Search, current: Fitted, white: Whitener) -> list[Fitted]:
 
 
 def _fitted(s: Search, starts: list[Fitted], w: Windows, white: Whitener) -> list[Fitted]:
+    """Fits from some starts; of those to a sample nobody asks how sure their parameters are."""
     return fit(s.sim, starts, w, white, iterations=8, anew=w is s.train) if starts else []
 
 
