@@ -130,7 +130,9 @@ class Rigid:
     def by_actuator(self, model: mujoco.MjModel, needed: Array) -> Array:
         """Measured forces [T, nu] whose moments make up generalised forces [T, nv], as nearly as the actuators can:
         what an actuator of the model gives is its gain times what was measured, and its bias."""
-        force = (self.inverse @ needed[:, self.driven, None])[..., 0]
+        driven = needed[:, self.driven]
+        alike = len(self.inverse) == 1
+        force = driven @ self.inverse[0].T if alike else (self.inverse @ driven[..., None])[..., 0]
         gain, bias = model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 0]
         affine = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
         return (force - np.where(affine, bias, 0.0)) / np.where(gain == 0.0, np.inf, gain)

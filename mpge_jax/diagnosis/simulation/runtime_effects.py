@@ -35,12 +35,17 @@ there fades until the window begins."""
 
 @dataclass
 class Group:
-    """Simulations on which one runtime effect acts."""
+    """Simulations on which one runtime effect acts.
+
+    Attributes:
+        constant: what equations read that stays (`Runtime.constant`), of these simulations.
+    """
 
     term: Term
     rows: Array
     theta: Array
     memory: Any = None
+    constant: tuple[Array, ...] = ()
 
 
 class Runtime:
@@ -75,7 +80,7 @@ class Runtime:
         affine = _expanded(batch, m, "actuator_biastype") == int(mujoco.mjtBias.mjBIAS_AFFINE)
         self.bias = np.where(affine[..., None], self.bias, 0.0)
         # each [n, nu]
-        self.low, self.high, self.stiffness, self.damping = (
+        self.constant = self.low, self.high, self.stiffness, self.damping = tuple(
             np.broadcast_to(x, (self.batch_size, m.nu))
             for x in (
                 self.range[..., 0],
@@ -84,6 +89,8 @@ class Runtime:
                 self.bias[..., 2] + self.bias[..., TAKEN],
             )
         )
+        for g in groups:
+            g.constant = tuple(x.take(g.rows, 0) for x in self.constant)
         self.least, self.most = command_limits(m)
         self.formula = np.array([has_plain_law(m, a) for a in range(m.nu)], dtype=bool)
         self.last_force = batch.bind("actuator_force") if m.nu and not self.formula.all() else None
@@ -103,7 +110,7 @@ class Runtime:
         dt = self.dt if dt is None else dt
 
         def of(x: Array) -> Array:
-            return x if rows is None or len(x) == 1 else x[rows]
+            return x if rows is None or len(x) == 1 else x.take(rows, 0)
 
         def velocity(body: int) -> Array:
             return of(self._body_velocity(body))
@@ -164,7 +171,7 @@ class Runtime:
             steps = np.minimum(np.ceil(seconds / w.dt), w.history).astype(int)
             if steps.any():
                 past = w.before(self.model) if past is None else past
-                part = _rows(s, g.rows)
+                part = _rows(s, g.rows, g.constant)
                 g.memory = self._followed(g, steps, w, window[g.rows], moved[g.rows], commanded, part, past)
 
     def refresh(self) -> None:
@@ -177,7 +184,7 @@ class Runtime:
         self.refresh()
         s = self._step()
         for g in self.groups:
-            part, effect = _rows(s, g.rows), g.term.effect
+            part, effect = _rows(s, g.rows, g.constant), g.term.effect
             memory = effect.memory(np, self.ctx, g.term.place, g.theta, part)
             g.memory = memory if some is None else either(some[g.rows], memory, g.memory)
             if g.term.place.kind == "actuator":
@@ -264,7 +271,7 @@ class Runtime:
             self.dry[:] = self.dry_base
         for g in self.groups:
             effect, place, rows = g.term.effect, g.term.place, g.rows
-            part = _rows(s, rows)
+            part = _rows(s, rows, g.constant)
             forces, g.memory = effect.force(np, self.ctx, place, g.theta, part, g.memory)
             if forces.joint is not None:
                 self.qfrc[rows, self.ctx.dof(place)] += forces.joint
@@ -296,22 +303,34 @@ def either(choice: Array, a: Any, b: Any) -> Any:
     return tuple(np.where(choice, x, y) for x, y in zip(a, b, strict=True))
 
 
-def _rows(s: Step, rows: Array) -> Step:
+def _rows(s: Step, rows: Array, constant: tuple[Array, ...] | None = None) -> Step:
+    """What the equations may read of some simulations.
+
+    Args:
+        constant: of these, where it is known (`Group.constant`).
+    """
+
+    def of(x: Array) -> Array:
+        # several times as fast as x[rows]
+        return x.take(rows, 0)
+
+    each = s.force_low, s.force_high, s.f_position, s.f_velocity
+    low, high, position, velocity = (of(x) for x in each) if constant is None else constant
     return Step(
-        s.q[rows],
-        s.v[rows],
-        s.u[rows],
-        s.f[rows],
-        s.f_free[rows],
-        s.force_low[rows],
-        s.force_high[rows],
-        s.f_position[rows],
-        s.f_velocity[rows],
-        lambda body: s.body_velocity(body)[rows],
+        of(s.q),
+        of(s.v),
+        of(s.u),
+        of(s.f),
+        of(s.f_free),
+        low,
+        high,
+        position,
+        velocity,
+        lambda body: of(s.body_velocity(body)),
         s.dt,
-        lambda dof: s.external(dof)[rows],
-        None if s.engine is None else s.engine[rows],
-        lambda dof: s.inertia(dof)[rows],
+        lambda dof: of(s.external(dof)),
+        None if s.engine is None else of(s.engine),
+        lambda dof: of(s.inertia(dof)),
     )
 
 

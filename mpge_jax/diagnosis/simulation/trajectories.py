@@ -39,7 +39,7 @@ class Commands:
         return self._of(slice(self.w.history, None))
 
     def _of(self, steps: int | slice) -> Array:
-        out = self.w.command[self.window, steps]
+        out = self.w.command[:, steps].take(self.window, 0)
         for a, (rows, u) in self.changed.items():
             out[rows, ..., a] = u[:, steps]
         return out
