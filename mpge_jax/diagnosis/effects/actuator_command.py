@@ -6,7 +6,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.signal import lfilter
+
+# `scipy.signal` takes longer to import than all of the diagnosis: this way it is where a filter is asked for
+import scipy
 
 from mpge_jax.diagnosis.effects.actuator import OfCommand
 from mpge_jax.diagnosis.effects.base import register
@@ -101,7 +103,7 @@ class ActuatorLag(OfCommand):
         out = np.empty_like(u)
         for k, decay in enumerate(decays):
             rows = which == k
-            out[rows], _ = lfilter([0.0, 1.0 - decay], [1.0, -decay], u[rows], zi=u[rows, :1])
+            out[rows], _ = scipy.signal.lfilter([0.0, 1.0 - decay], [1.0, -decay], u[rows], zi=u[rows, :1])
         return out
 
     def export(self, spec: Any, ctx: Context, place: Place, theta: np.ndarray) -> bool:

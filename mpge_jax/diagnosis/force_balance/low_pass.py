@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,12 +25,18 @@ def low_pass(x: Array, time: Array, cutoff: float) -> Array:
     rate = (len(time) - 1) / span if span > 0 else 0.0
     if not np.isfinite(cutoff) or len(time) < FEWEST or cutoff > HIGHEST * rate:
         return x
-    sos = scipy.signal.butter(ORDER, cutoff / (0.5 * rate), output="sos")
+    sos = _sections(cutoff / (0.5 * rate))
     # a stretch of a period mirrored at either end keeps the filter's transients outside
     pad = int(min(len(time) - 1, np.ceil(rate / cutoff)))
     return _evenly(
         x, time, lambda even: scipy.signal.sosfiltfilt(sos, even, axis=0, padtype="odd", padlen=pad)
     )
+
+
+@lru_cache
+def _sections(cutoff: float) -> Array:
+    """A Butterworth filter by its cut-off frequency over half the sample rate."""
+    return np.asarray(scipy.signal.butter(ORDER, cutoff, output="sos"))
 
 
 def lagged(x: Array, time: Array, constant: float) -> Array:

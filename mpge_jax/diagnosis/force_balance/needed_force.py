@@ -6,7 +6,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.special import erf
 
 from mpge_jax.diagnosis.effects.base import Effect
 from mpge_jax.diagnosis.effects.friction.damping import ExplicitDamping
@@ -62,14 +61,13 @@ def needed(machine: Machine, track: Track, known: dict[Key, Rigid] | None = None
                 None,
             )
     rigid = _rigid(machine, track, {} if known is None else known)
-    sign = erf(track.v / (np.sqrt(2.0) * np.maximum(track.unsure, 1e-9)))
     smooth = rigid.needed + model.dof_armature * track.a
     if not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_DAMPER:
         smooth = smooth + model.dof_damping * track.v
-    force = rigid.by_actuator(model, smooth + model.dof_frictionloss * sign)
+    force = rigid.by_actuator(model, smooth + model.dof_frictionloss * track.direction)
     for _ in range(ROUNDS if machine.runtime else 0):
         pushed, dry = _runtime(machine, track, rigid, force)
-        force = rigid.by_actuator(model, smooth + dry * sign - pushed)
+        force = rigid.by_actuator(model, smooth + dry * track.direction - pushed)
     return force
 
 
@@ -142,10 +140,9 @@ def _runtime(machine: Machine, track: Track, rigid: Rigid, force: Array) -> tupl
     """Generalised forces [T, nv] of the effects that act at every step, and levels [T, nv] of dry friction."""
     model = machine.model
     wide, none = np.full(model.nu, 1e12), np.zeros_like(force)
-    steps = np.diff(track.time, append=2 * track.time[-1] - track.time[-2])
     s = Step(
         track.q, track.v, force, force, force, -wide, wide, none, none,
-        rigid.velocity.__getitem__, float(np.median(steps)), lambda dof: -rigid.bias[:, dof],
+        rigid.velocity.__getitem__, track.step, lambda dof: -rigid.bias[:, dof],
         # a motion that is given is not led astray by a force that is told a step late
         inertia=lambda dof: np.full(len(track.time), np.inf),
     )  # fmt: skip

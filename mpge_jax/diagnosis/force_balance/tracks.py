@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
+from scipy.special import erf
 
 from mpge_jax.diagnosis.dataset.given_motion import EDGE
 from mpge_jax.diagnosis.dataset.prepared import Prepared
@@ -55,6 +57,16 @@ class Track:
     unsure: Array
     force: Array
 
+    @cached_property
+    def direction(self) -> Array:
+        """Expectation [T, nv] of the sign of v."""
+        return np.asarray(erf(self.v / (np.sqrt(2.0) * np.maximum(self.unsure, 1e-9))))
+
+    @cached_property
+    def step(self) -> float:
+        """Seconds between rows."""
+        return float(np.median(np.diff(self.time)))
+
     def slides(self, usual: Array, about: float = 0.0) -> Array:
         """Whether a joint [T, nv] surely slides: elsewhere dry friction holds it with any force up to its level.
 
@@ -62,7 +74,7 @@ class Track:
             usual: speed [nv]. about: time (s) before and after for which it must, too.
         """
         here = np.abs(self.v) > np.maximum(UNSEEN * self.unsure, SLIDES * usual)
-        rows = round(about / float(np.median(np.diff(self.time)))) if self.time.size > 1 else 0
+        rows = round(about / self.step) if self.time.size > 1 else 0
         return np.asarray(minimum_filter1d(here.astype(np.int8), 2 * rows + 1, axis=0, mode="nearest") > 0)
 
     def sensed(self, column: int, dof: int, offset: float, delay: float) -> Track:
