@@ -31,7 +31,7 @@ def inverse_samples(
     data, apart = mujoco.MjData(model), without_loops(model)
     total = sum(max(s.recording.time.size - 2, 0) for s in sources)
     stride = max(1, total // limit)
-    q, v, a, residual, share, needed, drive, speed = [], [], [], [], [], [], [], []
+    q, v, a, residual, share, needed, drive, moving, arm = [], [], [], [], [], [], [], [], []
     for s in sources:
         # a transition has no inner row
         held = activations(model, s)
@@ -54,8 +54,10 @@ def inverse_samples(
             drive.append(data.actuator_force.copy())
             residual.append(free @ (data.qfrc_inverse - data.qfrc_actuator))
             share.append(np.diag(free))
-            arm = data.xipos - data.subtree_com[model.body_rootid]
-            speed.append(np.linalg.norm(data.cvel[:, 3:] + np.cross(data.cvel[:, :3], arm), axis=1))
+            moving.append(data.cvel.copy())
+            arm.append(data.xipos - data.subtree_com[model.body_rootid])
+    spatial = np.array(moving).reshape(len(moving), model.nbody, 6)
+    arms = np.array(arm).reshape(len(arm), model.nbody, 3)
     samples = Samples(
         np.array(q).reshape(len(q), model.nq),
         np.array(v).reshape(len(v), model.nv),
@@ -67,7 +69,7 @@ def inverse_samples(
         np.array(needed).reshape(len(needed), model.nv),
         np.array(drive).reshape(len(drive), model.nu),
         np.array(a).reshape(len(a), model.nv),
-        np.array(speed).reshape(len(speed), model.nbody),
+        np.linalg.norm(spatial[..., 3:] + np.cross(spatial[..., :3], arms), axis=-1),
     )
 
 
