@@ -22,7 +22,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 SECOND_HALF = 2
-"""Stage of a step that is not another one."""
+"""The stage of a step whose first half is counted."""
 HEADER = (
     "| case | verdict | effects | engine steps before | after | share | CPU s before | after | moved by |",
     "|---|---|---|---|---|---|---|---|---|",
