@@ -26,7 +26,6 @@ from mpge_jax.diagnosis.selection.competition import at_noise, loud_in
 from mpge_jax.diagnosis.selection.criteria import missed, needed, strength
 from mpge_jax.diagnosis.selection.given_masses import with_given
 from mpge_jax.diagnosis.selection.search_state import Search
-from mpge_jax.diagnosis.simulation.windows import Windows
 from mpge_jax.diagnosis.thresholds import AFTER, NAMED, REMAINS
 
 IN_EVERY_JOINT = ("coulomb_friction", "armature", "viscous_damping")
@@ -43,14 +42,15 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     if current.hypothesis.rugged or at_noise(s, current, s.whiten_one(current, s.train)):
         return current
     white = s.whiten_one(current, s.train)
-    most = _most(s, current, s.train, white)
+    # fewer of them explain less than all do, which may not be at their best yet: half the way must be done
+    most = 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
     told = _by_forces(s, white)
     fits = _promising(s, told, white, most)
     if not _any_at_noise(s, fits):
-        starts = _starts(s, current)
-        if not told and not any(starts):
-            return current
-        fits += _promising(s, _together(s, current, starts, white), white, most)
+        together = _together(s, current, white)
+        told, fits = told + together, fits + _promising(s, together, white, most)
+    if not told:
+        return current
     s.looked = True
     fits = _all_thinned(s, fits)
     fits = [f for f in fits if 0 < len(f.hypothesis.named) <= s.max_terms]
@@ -68,12 +68,6 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
     # each by itself may be weak; what nobody knows leaks into all joints, and little of it goes away by that
     now, then = (usual_excess(float(r.losses.mean())) for r in (chosen, before))
     return chosen.fit if now < REMAINS * then and needed(chosen, before) else current
-
-
-def _most(s: Search, current: Fitted, w: Windows, white: Whitener) -> float:
-    """What may be left (`usual_excess`) to promise anything: fewer effects explain less than all do, which may not be
-    at their best yet, so that half the way must be done."""
-    return 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], w, white)[0].loss)
 
 
 def _promising(s: Search, fits: list[Fitted], white: Whitener, most: float) -> list[Fitted]:
@@ -96,46 +90,27 @@ def _by_forces(s: Search, white: Whitener) -> list[Fitted]:
     if told is None:
         return []
     told = told.of_terms(s.sim.ctx, Hypothesis.of(*(t for t in told.hypothesis.terms if t in s.terms)))
-    return _fitted(s, [told], s.train, white)
+    return fit(s.sim, [told], s.train, white, iterations=8)
 
 
-def _starts(s: Search, current: Fitted) -> tuple[list[Fitted], list[Fitted]]:
-    """What is known with effects in every joint, and with one effect of every drive."""
+def _together(s: Search, current: Fitted, white: Whitener) -> list[Fitted]:
+    """Effects in every joint or drive on top of what is known, fitted at once."""
     joints = [*(_with_all(s, current, keep) for keep in (False, True)), _with_all_laws(s, current)]
     drives = [_with_every_drive(s, current, (effect,)) for effect in IN_EVERY_DRIVE]
-    return [f for f in joints if f is not None], [f for f in drives if f is not None]
-
-
-def _together(
-    s: Search, current: Fitted, starts: tuple[list[Fitted], list[Fitted]], white: Whitener
-) -> list[Fitted]:
-    """Fits from `_starts`: to a sample of the windows first, and of what drives have in common to all of them only
-    where it promises anything there."""
+    starts = [f for f in (*joints, *drives) if f is not None]
+    if not starts:
+        return []
     s.say("trying friction, damping and rotor inertia in every joint, and what drives have in common")
-    sample = s.sample(current, white)
-    most = _most(s, current, *sample)
-
-    def hopeful(starts: list[Fitted]) -> list[Fitted]:
-        return [f for f in _fitted(s, starts, *sample) if usual_excess(f.loss) < most]
-
-    joints, drives = starts
-    fits = _fitted(s, [*_fitted(s, joints, *sample), *hopeful(drives)], s.train, white)
+    fits = fit(s.sim, starts, s.train, white, iterations=8)
     if _any_at_noise(s, fits):
         return fits
-    both = [_with_every_drive(s, joints[0] if joints else current, effects) for effects in LATE_AND_WEAK]
+    both = [_with_every_drive(s, joints[0] or current, effects) for effects in LATE_AND_WEAK]
     better = sorted((f for f in both if f is not None), key=lambda f: f.loss)[:1]
-    fits += _fitted(s, hopeful(better), s.train, white)
-    if not fits:
-        return []
+    fits += fit(s.sim, better, s.train, white, iterations=8) if better else []
     fits[0] = _with_load(s, fits[0], white)
     # where every joint lacks something, the masses were hardly weighed either
     free = with_given(s, fits[0])
-    return fits + ([] if free is None else _fitted(s, [free], s.train, white))
-
-
-def _fitted(s: Search, starts: list[Fitted], w: Windows, white: Whitener) -> list[Fitted]:
-    """Fits from some starts; of those to a sample nobody asks how sure their parameters are."""
-    return fit(s.sim, starts, w, white, iterations=8, anew=w is s.train) if starts else []
+    return fits + ([] if free is None else fit(s.sim, [free], s.train, white, iterations=8))
 
 
 def due(s: Search, current: Fitted) -> bool:
@@ -189,7 +164,7 @@ def _with_load(s: Search, f: Fitted, white: Whitener) -> Fitted:
     found = s.screened(f, s.sample(f, white), loads) if loads else []
     if not found:
         return f
-    (loaded,) = _fitted(s, found[:1], s.train, white)
+    (loaded,) = fit(s.sim, found[:1], s.train, white, iterations=8)
     more, less = s.score([loaded, f], s.whiten(loaded))
     return loaded if needed(more, less) else f
 
