@@ -109,8 +109,8 @@ def _with_better(s: Search, current: Fitted, forms: dict[Term, Term]) -> Fitted:
     best = min(quick, key=lambda f: f.loss)
     if best.loss >= evaluate(s.sim, [current], *sample)[0].loss or not moves(s, best, current):
         return current
-    new, old = s.score([best, current], (white, s.whiten_one(current, s.held, white.factor)))
-    if beyond_doubt(evidence(old, new)):
+    changed, as_is = s.score([best, current], (white, s.whiten_one(current, s.held, white.factor)))
+    if beyond_doubt(evidence(as_is, changed)):
         # what a sample alone speaks for
         return current
     every = fit(s.sim, [best], s.train, white, iterations=ITERATIONS)[0]
