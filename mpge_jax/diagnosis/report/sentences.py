@@ -89,8 +89,8 @@ def _of_effects(d: Result) -> Iterator[tuple[float, str]]:
 
 def _option(d: Result, f: Fitted, terms: list[Term]) -> str:
     """'the encoder of the wrist reports 0.030 s late', or 'actuator gain of 1.2 at left and 1.2 at right together'."""
-    if len(terms) == 1:
-        return clause(_said(d, f, terms[0]))
+    if len({t.name for t in terms}) == len(terms):
+        return _listed([clause(_said(d, f, t)) for t in terms])
     each = [
         f"{_listed([quantity(v) for v in parameters(d.ctx, f, t).values()])} at {t.place.name}" for t in terms
     ]
@@ -202,8 +202,7 @@ def effect_rows(table: dict[str, Any]) -> list[list[str]]:
 def _differing(d: Result, f: Fitted, terms: tuple[Term, ...]) -> list[Term]:
     """What a fit has of some terms, or else what it has in their place."""
     here = [t for t in terms if t in f.hypothesis.terms]
-    other = here or [t for t in f.hypothesis.named if t not in d.terms]
-    return [t for t in other if t.id == other[0].id]
+    return here or [t for t in f.hypothesis.named if t not in d.terms]
 
 
 def alone(places: list[str]) -> str:

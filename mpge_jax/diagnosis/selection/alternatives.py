@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.estimation.screening import ELABORATE, better_beside
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
 from mpge_jax.diagnosis.evidence.common_delay import by_a_common_delay
 from mpge_jax.diagnosis.evidence.common_factor import by_a_common_factor
+from mpge_jax.diagnosis.evidence.friction_by_direction import by_direction
 from mpge_jax.diagnosis.evidence.joints_of_place import first_joints, next_to
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt, log_ratio, odds
 from mpge_jax.diagnosis.evidence.rigid_equivalence import carried_over, same_body
@@ -186,10 +187,11 @@ def unaffected(
 
 
 def _all_at_once(s: Search, best: Scored, whites: tuple[Whitener, Whitener], term: Term) -> list[Rival]:
-    """What ties with a term only where it acts everywhere: all drives weaker with all masses times a factor, where
-    nothing given resists, than which all masses are simpler; all commands late with all encoders late."""
+    """What ties with a term only together with others: all drives weaker with all masses times a factor, where nothing
+    given resists, than which all masses are simpler; all commands late with all encoders late; dry friction and a
+    constant force of the drive with friction that differs by direction."""
     out = []
-    for in_its_place in (by_a_common_factor, by_a_common_delay):
+    for in_its_place in (by_a_common_factor, by_a_common_delay, by_direction):
         other_way = in_its_place(s.sim.ctx, s.terms, best.fit, term)
         if other_way is None:
             continue
@@ -197,7 +199,7 @@ def _all_at_once(s: Search, best: Scored, whites: tuple[Whitener, Whitener], ter
         # what is known of a start means another thing where encoders are late
         its = s.whiten_one(start, s.train, whites[0].factor), s.whiten_one(start, s.held, whites[1].factor)
         scored = s.score(fit(s.sim, [start], s.train, its[0], iterations=6), its)[0]
-        rival = _compare(s, best, term, scored, other, *beside)
+        rival = _compare(s, best, term, scored, other, *beside, alike=True)
         simpler = in_its_place is by_a_common_factor and len(start.hypothesis.terms) < len(
             best.fit.hypothesis.terms
         )
@@ -272,9 +274,14 @@ def _one_each(rivals: list[Rival]) -> list[Rival]:
     return sorted(best.values(), key=lambda r: r.margin)
 
 
-def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term, *beside: Term) -> Rival:
-    """`beside`: the same effect as `other` in all other drives, the same motion in principle as all masses times a
-    factor."""
+def _compare(
+    s: Search, best: Scored, term: Term, rival: Scored, other: Term, *beside: Term, alike: bool = False
+) -> Rival:
+    """How what has `other` in place of a term compares.
+
+    Args:
+        beside: what stands there with `other`. alike: whether it is the same motion in principle.
+    """
     margin = evidence(best, rival)
 
     def of(why_not: str, tied: bool = False, better: bool = False) -> Rival:
@@ -287,7 +294,7 @@ def _compare(s: Search, best: Scored, term: Term, rival: Scored, other: Term, *b
         return of(f"it predicts worse ({odds(margin)} against it)")
     if same_body(s.sim.ctx, term, other):
         return of("it is the same rigid body under another name")
-    if beside or (same(s.sim.ctx, term, other) and told_apart):
+    if alike or (same(s.sim.ctx, term, other) and told_apart):
         return of("no recording of this machine can tell the two apart", tied=True)
     if _contains(rival.fit, best.fit.hypothesis.without(term), term):
         return of(

@@ -197,7 +197,7 @@ class AsymmetricFriction(Dry):
         "forwards, dry {coulomb_backward} and viscous {viscous_backward} backwards."
     )
     confused_with = ("actuator_bias", "coulomb_friction")
-    remedy = "move both ways at several speeds"
+    remedy = "move both ways at several speeds, by the drive and by hand with the drive switched off"
 
     def params(self, ctx: Context, place: Place) -> tuple[Param, ...]:
         return (
