@@ -24,8 +24,6 @@ PLAIN, BY_DIRECTION, DAMPING, BIAS = (
     "viscous_damping",
     "actuator_bias",
 )
-LAWS = 4
-"""Parameters of friction by direction: dry forwards and backwards, viscous forwards and backwards."""
 
 
 def by_direction(
@@ -90,13 +88,15 @@ def _apart(ctx: Context, terms: list[Term], f: Fitted, term: Term) -> dict[Term,
     gear = [float(ctx.model.actuator_gear[t.place.index, 0]) for t in biases]
     if len(gear) != 1 or not gear[0]:
         return {}
+    forwards, backwards, *viscous = law[: len(REGISTRY[BY_DIRECTION].params(ctx, term.place))]
+    own = law[2 + len(viscous) :]
     told = {
-        Term(PLAIN + _form(term), term.place): np.array([law[:2].mean(), *law[LAWS:]]),
-        biases[0]: np.array([0.5 * (law[1] - law[0]) / gear[0]]),
+        Term(PLAIN + _form(term), term.place): np.array([0.5 * (forwards + backwards), *own]),
+        biases[0]: np.array([0.5 * (backwards - forwards) / gear[0]]),
     }
-    viscous = law[2:LAWS].mean()
-    if not f.cov.size or viscous > 0.5 * WITHIN * np.sqrt(f.cov[part, part][2:LAWS, 2:LAWS].sum()):
-        told[Term(DAMPING, term.place)] = np.array([viscous])
+    damping, variance = np.mean(viscous), f.cov[part, part][2 : 2 + len(viscous), 2 : 2 + len(viscous)].mean()
+    if damping > WITHIN * np.sqrt(variance):
+        told[Term(DAMPING, term.place)] = np.array([damping])
     return told
 
 
