@@ -73,7 +73,10 @@ def diagnose(
     spec = load_spec(model)
     plain = compile_variable(spec)
     checked = read(recordings, plain, names_of(plain), columns)
-    result = find(prepare(spec, checked, config), plain, say, progress)
+    p = prepare(spec, checked, config)
+    for doubt in p.warnings:
+        say(f"take note: {doubt}")
+    result = find(p, plain, say, progress)
     given = None if isinstance(model, mujoco.MjSpec) else Path(model)
     return Diagnosis(**{**vars(result), "seconds": say.seconds, "model": given})
 

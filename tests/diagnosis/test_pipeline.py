@@ -3,10 +3,11 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis import pipeline
+from mpge_jax.diagnosis import Recording, pipeline
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.machine.model import compile_variable
@@ -15,9 +16,11 @@ from mpge_jax.diagnosis.measurement.delay_within_a_row import Arrival
 from mpge_jax.diagnosis.measurement.measurement_model import MeasurementModel
 from mpge_jax.diagnosis.selection import procedure
 from mpge_jax.diagnosis.selection.procedure import Decision, Look
+from tests.diagnosis.machines import PENDULUM
 from tests.diagnosis.searches import COULOMB, fitted
 
 PARTS = ("steps", "delays", "zeros")
+SERVO = PENDULUM.replace("<motor", '<position kp="5"')
 
 
 @pytest.fixture(scope="module")
@@ -148,3 +151,18 @@ def test_zeros_are_asked_for_only_where_something_is_left(rubbing, decision, mon
     assert again.delays[0].delay == 0.006
     before, after = (x.train[0].recording.qpos for x in (p, again.at_rows))
     np.testing.assert_allclose(before - after, 0.02)
+
+
+def test_doubts_about_recordings_are_told_before_the_search(monkeypatch, capsys):
+    """Degrees take minutes to search in vain."""
+
+    def find(p, _plain, _say, _progress):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "find", find)
+    time = 0.01 * np.arange(300)
+    swing = np.degrees(np.sin(3.0 * time) + 6.0)[:, None]
+    log = Recording("swings", time, swing, None, np.sin(time)[:, None])
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.diagnose(mujoco.MjSpec.from_string(SERVO), [log])
+    assert "take note: swings: positions of hinge look like degrees" in capsys.readouterr().err

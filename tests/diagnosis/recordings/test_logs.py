@@ -15,6 +15,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.null_distribution import floor
 from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.column_map import apply
+from mpge_jax.diagnosis.recordings.measurement_noise import noise_of
 from mpge_jax.diagnosis.recordings.noise_level import quantum
 from mpge_jax.diagnosis.recordings.reader import load_recordings
 from mpge_jax.diagnosis.recordings.recorded_velocities import wrong
@@ -140,6 +141,38 @@ def test_filtered_velocities_are_seen_after_a_long_rest():
     for velocity, bad in ((v, []), (late, [0])):
         r = Recording("run", time, noisy[:, None], velocity[:, None])
         assert wrong([r], {0: 0}, np.array([1e-5]), np.array([1e-3])) == bad
+
+
+@pytest.mark.parametrize(
+    ("late", "used"),
+    [(0.0, True), (0.004, True), (0.008, False), (-0.008, True)],
+    ids=["measured", "half a row", "filtered", "early"],
+)
+def test_velocities_that_come_late_are_no_velocities(late, used):
+    """At 125 Hz, a lag that single rows do not show beside the noise of the positions."""
+    rng = np.random.default_rng(0)
+    time = np.cumsum(0.008 + 2e-4 * rng.standard_normal(1000))
+    q = 0.4 * np.sin(2.0 * time) + 0.15 * np.sin(5.3 * time)
+    then = time - late
+    v = 0.8 * np.cos(2.0 * then) + 0.795 * np.cos(5.3 * then)
+    noisy = q + 2.5e-4 * rng.standard_normal(q.size), v + 5e-3 * rng.standard_normal(q.size)
+    r = Recording("run", time, *(x[:, None] for x in noisy))
+    model = mujoco.MjModel.from_xml_string(SPINNER)
+    noise, warnings = noise_of([r], model, names_of(model))
+    assert np.isfinite(noise.qvel[0]) == used
+    assert any("disagree with the positions" in x for x in warnings) != used
+
+
+def test_what_filters_the_velocity_of_one_joint_filters_all():
+    """Half a row more than half a row, which at the second joint is next to nothing beside its noise."""
+    rng = np.random.default_rng(0)
+    time, late = 0.008 * np.arange(1000), 0.008
+    q = np.stack([0.4 * np.sin(2.0 * time), 0.15 * np.sin(5.3 * time)], 1)
+    v = np.stack([0.8 * np.cos(2.0 * (time - late)), 0.795 * np.cos(5.3 * (time - late))], 1)
+    q, v = q + 1e-4 * rng.standard_normal(q.shape), v + np.array([5e-3, 0.03]) * rng.standard_normal(v.shape)
+    noise = np.full(2, 1e-4), np.array([2e-3, 0.03])
+    assert wrong([Recording("run", time, q, v)], {0: 0, 1: 1}, *noise) == [0, 1]
+    assert wrong([Recording("run", time, q[:, 1:], v[:, 1:])], {0: 0}, noise[0][1:], noise[1][1:]) == []
 
 
 @pytest.mark.parametrize("seconds", [0.9, 1.1])
