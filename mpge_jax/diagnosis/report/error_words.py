@@ -67,11 +67,12 @@ def untold(d: Result) -> str:
 
 
 def moves(before: float, after: float, unit: str) -> str:
-    """How an error changes: 'falls from 12 to 1 rad, 12 times smaller', or that it rises or stays."""
+    """How an error changes: 'falls from 12 to 1 rad, 12 times smaller', or that it rises, hardly does, or stays."""
     if f"{before:.3g}" == f"{after:.3g}":
         return f"stays at {after:.3g} {unit}"
     verb, way = ("falls", "smaller") if after < before else ("rises", "larger")
-    return f"{verb} from {before:.3g} to {after:.3g} {unit}, {times(before, after)} {way}"
+    said, by = f"{verb} from {before:.3g} to {after:.3g} {unit}", times(before, after)
+    return f"hardly {said}" if by == "1 times" else f"{said}, {by} {way}"
 
 
 def times(before: float, after: float) -> str:

@@ -32,6 +32,7 @@ def test_errors_beside_noise_in_words():
         (12.0, 1.0, "falls from 12 to 1 rad, 12 times smaller"),
         (0.884, 1.0, "rises from 0.884 to 1 rad, 1.13 times larger"),
         (1.0, 1.0001, "stays at 1 rad"),
+        (0.0734, 0.0733, "hardly falls from 0.0734 to 0.0733 rad"),
     ],
 )
 def test_an_error_falls_only_where_it_is_smaller(before, after, said):
