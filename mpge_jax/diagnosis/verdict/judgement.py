@@ -180,6 +180,9 @@ def _rest(p: Prepared, s: Search, found: Decision, held: FitReport, corrected: b
     told = describe(p, left, share) | ({"of": MOTION_ITSELF} if held.flies_away else {})
     beside = left_of_motion(p, found.fit, told["at"], held)
     there = left_there(p, told["at"], held, rugged)
+    if not (certain or there or held.before.rms > held.floor):
+        # what only velocities show no prediction misses
+        return _Rest()
     if share <= SLIGHT < there:
         told |= {"share": number(there), "of": MOTION_THERE}
     return _Rest(share, told if certain or matters(max(share, there), beside) else None, beside)

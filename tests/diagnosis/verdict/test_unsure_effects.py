@@ -1,11 +1,13 @@
-"""Effects that may be none, where something is left that has no name."""
+"""Effects that may be none where something is left that has no name, and what is left that may be nothing."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from mpge_jax.diagnosis.estimation.estimate import NOTHING
 from mpge_jax.diagnosis.evidence.held_out_error import fit_report
 from mpge_jax.diagnosis.selection.procedure import Decision, what_is_left
 from mpge_jax.diagnosis.verdict import judgement
@@ -23,3 +25,14 @@ def test_what_may_be_none_may_be_a_part_of_what_is_left_wherever_it_acts(rubbing
         result = judgement.judge(p, s.sim.model, s, found, fit_report(p, gain, "test"), None)
         verdicts[deviation] = result.verdict, result.doubtful
     assert verdicts == {0.1: ("unexplained", ()), 0.3: ("unexplained", (GAIN,))}
+
+
+@pytest.mark.parametrize(("noise", "verdict"), [(1.0, "unexplained"), (1e3, "none")])
+def test_what_no_prediction_misses_by_more_than_noise_is_nothing(rubbing, monkeypatch, noise, verdict):
+    """Recorded velocities may be off, and positions as they should be."""
+    s, p = rubbing
+    monkeypatch.setattr(judgement, "residual_of_motion", lambda *_: None)
+    found = Decision(NOTHING, {}, *what_is_left(p, NOTHING, s), s)
+    assert found.left is not None
+    held = fit_report(p, NOTHING, "test").above(noise)
+    assert judgement.judge(p, s.sim.model, s, found, held, None).verdict == verdict
