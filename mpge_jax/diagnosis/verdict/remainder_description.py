@@ -16,9 +16,8 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
 ELSEWHERE = 3.0
-"""By how much clearer missing force (`Probed.by_dof`) must be at a floating base than at any joint for its body to be
-the place."""
-
+"""How many times as much force at a floating base alone must explain as force at any joint alone for its body to be the
+place."""
 ALIKE = 0.3
 """Share of what force at the likeliest joint alone explains, by which that at another must explain less not to be named
 beside it."""
@@ -57,23 +56,29 @@ def _drive(p: Prepared, w: Windows, missing: Probed) -> tuple[int, Array] | None
     return (first, along[:, first]) if sure else None
 
 
-def _likeliest(missing: tuple[Probed, Probed], dofs: list[int]) -> list[int]:
-    """The degree of freedom at which missing force alone leaves least, and another one that does so nearly as well.
+def _likeliest(missing: tuple[Probed, Probed], joints: list[int]) -> list[int]:
+    """The degree of freedom at which missing force alone leaves least, and another one that does so nearly as well: of
+    joints, unless force at a floating base explains far more.
 
     Force that is allowed everywhere at once (`Probed.by_dof`) finds some at every joint where windows last longer than
     the force does, or contacts scatter them.
+
+    Args:
+        joints: degrees of freedom that are no floating base's.
     """
     lefts, wholes = [], []
     for part in missing:
         windows, nv = part.push.shape
-        alone, whole = part.along(np.broadcast_to(np.eye(nv)[dofs], (windows, len(dofs), nv)))
+        alone, whole = part.along(np.broadcast_to(np.eye(nv), (windows, nv, nv)))
         lefts.append(np.maximum(whole[:, None] - alone, 0.0))
         wholes.append(whole)
     # few windows may be beyond all measure
     left, whole = (np.log1p(np.concatenate(x)).mean(0) for x in (lefts, wholes))
-    first, *others = np.argsort(left, kind="stable")[:2]
-    near = [d for d in others if left[d] - left[first] < ALIKE * (whole - left[first])]
-    return [dofs[d] for d in (first, *near)]
+    explained = whole - left
+    if explained.max() > ELSEWHERE * explained[joints].max():
+        return [int(np.argmax(explained))]
+    first, *others = sorted(joints, key=lambda d: left[d])[:2]
+    return [first, *(d for d in others if left[d] - left[first] < ALIKE * explained[first])]
 
 
 def in_words(force: Array, clues: dict[str, Array], directions: tuple[str, str]) -> str:
@@ -101,16 +106,13 @@ def describe(p: Prepared, left: Remainder, share: float) -> dict[str, Any]:
     train, held = (
         probed(s.sim, left.fit, w, white) for w, white in zip((s.train, s.held), left.whites, strict=True)
     )
-    ratio, force = train.by_dof()
-    total = ratio + held.by_dof()[0]
-    dofs = active_dofs(p.model) or list(range(p.model.nv))
-    base = [d for d in range(p.model.nv) if d not in dofs]
-    order = _likeliest((train, held), dofs)
-    at = [p.names.joint_of_dof(p.model, d) for d in order]
-    if base and total[base].max() > ELSEWHERE * total[dofs].max():
-        order = [base[int(np.argmax(total[base]))]]
-        at = [p.names.bodies[int(p.model.dof_bodyid[order[0]])]]
+    _, force = train.by_dof()
+    joints = active_dofs(p.model) or list(range(p.model.nv))
+    order = _likeliest((train, held), joints)
     w, worst = s.train, order[0]
+    at = [p.names.joint_of_dof(p.model, d) for d in order]
+    if worst not in joints:
+        at = [p.names.bodies[int(p.model.dof_bodyid[worst])]]
     at, missing = list(dict.fromkeys(at)), force[:, worst]
     directions = ("pushes forwards", "pushes backwards")
     sizes = {}

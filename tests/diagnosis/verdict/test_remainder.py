@@ -8,8 +8,10 @@ import pytest
 
 from mpge_jax.diagnosis import Config, Recording, diagnose
 from mpge_jax.diagnosis.estimation.estimate import NOTHING
+from mpge_jax.diagnosis.estimation.missing_force import Probed
 from mpge_jax.diagnosis.evidence.null_distribution import Floor
 from mpge_jax.diagnosis.verdict.judgement import struck
+from mpge_jax.diagnosis.verdict.remainder_description import _likeliest
 from tests.diagnosis.machines import FINE_ARM, record
 
 CORNERS = {"fl": (0.1, 0.1, 1), "fr": (0.1, -0.1, -1), "rl": (-0.1, 0.1, -1), "rr": (-0.1, -0.1, 1)}
@@ -40,6 +42,18 @@ def _flights(rotor: int) -> list[Recording]:
         q[:, :3] += 1e-5 * rng.standard_normal((len(q), 3))
         out.append(Recording(f"flight_{k}", time, q, None, u))
     return out
+
+
+@pytest.mark.parametrize(
+    ("missing", "at"),
+    [((0.1, 10.0, 0.1), [1]), ((10.0, 0.1, 0.1), [0]), ((5.0, 7.0, 0.0), [0])],
+    ids=["at the base", "at the joint", "at the base, but by no means more so than at the joint"],
+)
+def test_a_floating_base_is_the_place_where_force_there_explains_far_more_than_at_any_joint(missing, at):
+    """One joint, and two degrees of freedom of a body; force at one of them does nothing to the others."""
+    push = np.tile(missing, (4, 1))
+    probed = Probed(np.tile(np.eye(3), (4, 1, 1)), push, np.ones(3))
+    assert _likeliest((probed, probed), [0]) == at
 
 
 @pytest.mark.parametrize(
