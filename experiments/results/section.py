@@ -132,7 +132,8 @@ def _mean(values: np.ndarray) -> np.ndarray:
 
 
 def sweep_section(sweep: Sweep, images: Path, page: Path) -> str:
-    """A sweep as Markdown; copies its pictures into `images`."""
+    """A sweep as Markdown; its pictures go into `images`: that of its returns is drawn of its rows, which may have come
+    from several runs."""
     i = sweep.identity
     lines = [
         f"### {i['task']}, preset {i['preset']['name']}",
@@ -148,14 +149,16 @@ def sweep_section(sweep: Sweep, images: Path, page: Path) -> str:
         *policies_table(sweep),
         *returns_table(sweep),
     ]
+    images.mkdir(parents=True, exist_ok=True)
+    drawn = images / f"{sweep.name}-returns.png"
+    report.returns_figure(sweep.rows, drawn, i["task"])
+    shown = [("Return in the target", drawn)]
     for picture in sweep.pictures:
-        images.mkdir(parents=True, exist_ok=True)
         copy = images / f"{sweep.name}-{picture.name}"
         shutil.copyfile(picture, copy)
-        lines += [
-            "",
-            image(f"{PICTURES[picture.stem]}, {i['task']}, preset {i['preset']['name']}", copy, page),
-        ]
+        shown.append((PICTURES[picture.stem], copy))
+    for what, path in shown:
+        lines += ["", image(f"{what}, {i['task']}, preset {i['preset']['name']}", path, page)]
     return "\n".join(lines)
 
 

@@ -18,7 +18,6 @@ from mpge_jax.grounding.transformer import Transformer
 from mpge_jax.loop import Curve
 
 PICTURES = {
-    "returns": "Return in the target",
     "errors": "Action-transformation error",
     "heat_map": "Action-transformation error along each rollout policy",
 }

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments import report
 from experiments.presets import QUICK
 from experiments.results import page as results
 from experiments.storage import SweepFolder, plain
@@ -57,7 +58,7 @@ def folder(tmp_path: Path) -> Path:
     np.savez(sweep.cell("SPG", 1000) / "curve.npz", error_uniform=uniform, error_own=2 * uniform)
     sweep.save_error("SPG", 500, "Traceback ...\nValueError: nothing was recorded\n  more: of it\n")
     sweep.write_tables("")
-    (path / "returns.png").write_bytes(b"a picture")
+    (path / "errors.png").write_bytes(b"a picture")
     return path
 
 
@@ -91,12 +92,22 @@ def test_times_of_cells_that_were_interrupted_are_told_as_such(folder: Path, tmp
     assert "direct 1.0; SPG at 1,000 1.0 (grounding 0.4) since it was interrupted." in text
 
 
-def test_pictures_are_copied_beside_the_page(folder: Path, tmp_path: Path) -> None:
+def test_pictures_lie_beside_the_page(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of the returns is of the rows that the page shows, also where more were run after the sweep drew its own."""
+    drawn = []
+    monkeypatch.setattr(report, "returns_figure", lambda rows, path, task: drawn.append((rows, path, task)))
     page = tmp_path / "docs" / "results.md"
     text = results.page(results.Args((folder,), page))
-    assert "(images/pendulum-returns.png)" in text
-    assert (page.parent / "images" / "pendulum-returns.png").read_bytes() == b"a picture"
-    assert "errors.png" not in text
+    images = page.parent / "images"
+    assert [text.count(f"(images/pendulum-{name}.png)") for name in ("returns", "errors", "heat_map")] == [
+        1,
+        1,
+        0,
+    ]
+    assert (images / "pendulum-errors.png").read_bytes() == b"a picture"
+    ((rows, path, task),) = drawn
+    assert (path, task) == (images / "pendulum-returns.png", "SkewedPendulum")
+    assert {(row["method"], row["samples"]) for row in rows} == {("direct", 0), ("SPG", 1000)}
 
 
 def test_shipped_policies_are_reported_with_their_returns() -> None:
