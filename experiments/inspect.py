@@ -44,9 +44,11 @@ def main(argv: list[str] | None = None) -> int:
         for _, o in found[:TOLD]:
             print(summary(o, names), end="\n\n")
         for _, o in found[TOLD:]:
-            said = (o.problem or "as those above").removeprefix(f"{o.log.name}: ")
-            print(f"{o.log.name}: {said}{''.join(f'; {d}' for d in o.doubts)}")
-        written = _write(args.out, [o for _, o in found[:TOLD]], map_text(found[0][1], model, names))
+            said = (o.problem or "as those above").removeprefix(f"{o.log.name}: ").removesuffix(".")
+            print(f"{o.log.name}: {'; '.join([said, *o.doubts])}")
+        doubted = [doubt for _, o in found for doubt in o.doubted]
+        text = map_text(found[0][1], model, names, doubted)
+        written = _write(args.out, [o for _, o in found[:TOLD]], text)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -54,9 +56,14 @@ def main(argv: list[str] | None = None) -> int:
         print(f"error: cannot write to --out {args.out}: {error.strerror or error}.", file=sys.stderr)
         return 2
     print("written: " + ", ".join(map(str, written)))
-    unread = any(o.recording is None for _, o in found)
-    # a map to start from lies there
-    columns_map = args.out / "map.yaml" if unread and args.map is None else args.map
+    unread = [o for _, o in found if o.recording is None]
+    if unread and not any(o.for_a_map for o in unread):
+        print("It has to be recorded anew or repaired first: no column is left that a map could read.")
+        return 1
+    # a map to start from lies there, and one that puts units right
+    units = any(units for _, units in doubted)
+    new_map = units or (unread and args.map is None)
+    columns_map = args.out / "map.yaml" if new_map else args.map
     given = [] if columns_map is None else ["--map", str(columns_map)]
     given += ["--reader-file", *map(str, args.reader_file)] if args.reader_file else []
     command = [
@@ -70,8 +77,9 @@ def main(argv: list[str] | None = None) -> int:
         *given,
     ]
     when = ", once a map says what is missing" if unread else ""
+    when = ", once you agree with the units in the map" if units else when
     print(f"to diagnose{when}: " + shlex.join([*map(str, command), "--out", "out"]))
-    return int(unread)
+    return int(bool(unread))
 
 
 def _write(folder: Path, shown: list[Overview], text: str) -> list[Path]:

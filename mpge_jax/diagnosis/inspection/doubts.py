@@ -12,17 +12,22 @@ from mpge_jax.diagnosis.recordings.formats.tables import Log
 from mpge_jax.diagnosis.recordings.joining import Joined, quantity_of
 from mpge_jax.diagnosis.recordings.joint_names import joint_columns
 from mpge_jax.diagnosis.recordings.recording import Recording
-from mpge_jax.diagnosis.recordings.validation import SLOWEST
+from mpge_jax.diagnosis.recordings.validation import SLOWEST, look_like_degrees
 
 Array = np.ndarray
-FACTORS = {
+SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
+Doubt = tuple[str, dict[str, str]]
+"""What looks wrong, and the units by which a map would put it right: of `qpos:elbow`, of `time`."""
+ANGLES = {
     "degrees for radians": 180 / np.pi,
     "revolutions a minute for radians a second": 30 / np.pi,
     "turns for radians": 1 / (2 * np.pi),
-    "millimetres for metres": 1e3,
-    "milliseconds for seconds": 1e-3,
 }
+LENGTHS = {"millimetres for metres": 1e3}
 """What a ratio that should be 1 is when one of two columns is in another unit."""
+SPEEDS = {180 / np.pi: ("qvel", "deg/s"), 30 / np.pi: ("qvel", "rpm"), 1e3: ("qvel", "mm/s")}
+SPEEDS |= {np.pi / 180: ("qpos", "deg"), 1e-3: ("qpos", "mm")}
+"""Which unit it is that makes velocities so many times as large as the slope of the positions."""
 NEAR, AGREES = 0.15, 0.9
 """Share by which a ratio may miss a factor, and the correlation from which on it means anything."""
 ENOUGH = 10
@@ -47,11 +52,11 @@ def ratio(a: Array, b: Array) -> float | None:
     return float((a @ b) / (b @ b))
 
 
-def meaning(found: float) -> str | None:
+def meaning(found: float, slides: bool = False) -> str | None:
     """What a ratio that should be 1 says of the units, if it says anything."""
     if abs(found + 1) < NEAR:
         return "of opposite sign"
-    for words, factor in FACTORS.items():
+    for words, factor in (LENGTHS if slides else ANGLES).items():
         for f in (factor, 1 / factor):
             if abs(abs(found) / f - 1) < NEAR:
                 return f"{found:.3g} times as large ({words}?)"
@@ -60,9 +65,9 @@ def meaning(found: float) -> str | None:
 
 def doubts(
     log: Log, joined: Joined | None, recording: Recording | None, model: mujoco.MjModel, names: Names
-) -> list[str]:
-    """Sentences on what looks wrong in a run; none where nothing does."""
-    out = list(_clocks(log))
+) -> list[Doubt]:
+    """What looks wrong in a run; nothing where all looks right."""
+    out = list(_clocks(log, recording))
     if joined is None:
         return out
     arrays = dict(joined.data)
@@ -70,29 +75,33 @@ def doubts(
         arrays = {"time": recording.time, "qpos": recording.qpos}
         given = (("qvel", recording.qvel), ("ctrl", recording.ctrl), ("actuator_force", recording.force))
         arrays |= {key: value for key, value in given if value is not None}
+    # a slope by wrong times says nothing of velocities
+    if out:
+        arrays.pop("time", None)
     out += _joints(arrays, model, names)
     out += _actuators(arrays, model, names)
     return out
 
 
-def _clocks(log: Log) -> Iterator[str]:
+def _clocks(log: Log, recording: Recording | None) -> Iterator[Doubt]:
     for table in log.tables:
-        if table.time is None or table.rows < 3:
+        # a map may have put them right
+        time = recording.time if recording is not None and len(log.tables) == 1 else table.time
+        if time is None or time.size < 3:
             continue
-        step = float(np.median(np.diff(table.time)))
+        step = float(np.median(np.diff(time)))
         title = table.title or "the log"
-        if step > SLOWEST:
+        if step >= SLOWEST:
             unit = next((u for u, (_, size) in UNITS_OF_TIME.items() if 1e-4 <= step * size <= SLOWEST), None)
-            yield f"times of {title} are {step:.4g} apart{f': {unit} for seconds?' if unit else ''}"
+            said = f"times of {title} are {step:.4g} apart"
+            yield (f"{said}: {unit} for seconds?", {"time": UNITS_OF_TIME[unit][0]}) if unit else (said, {})
         elif 0 < step < 2e-5:
-            yield f"times of {title} are {step:.3g} s apart, {1 / step:.3g} rows a second: another unit?"
+            yield f"times of {title} are {step:.3g} s apart, {1 / step:.3g} rows a second: another unit?", {}
 
 
-def _joints(arrays: dict[str, Array], model: mujoco.MjModel, names: Names) -> Iterator[str]:
+def _joints(arrays: dict[str, Array], model: mujoco.MjModel, names: Names) -> Iterator[Doubt]:
     if "qpos" not in arrays:
         return
-    time, qvel = arrays.get("time"), arrays.get("qvel")
-    speeds = dict(joint_columns(model, names, "qvel"))
     for name, column in joint_columns(model, names, "qpos"):
         q = arrays["qpos"][:, column]
         if np.isnan(q).all():
@@ -103,22 +112,40 @@ def _joints(arrays: dict[str, Array], model: mujoco.MjModel, names: Names) -> It
         least, most = float(np.nanmin(q)), float(np.nanmax(q))
         largest, full = max(abs(least), abs(most)), max(LIKE_DEGREES, 2 * max(abs(low), abs(high)))
         span = f"its range of {low:.3g} to {high:.3g}"
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and limited and largest > full:
-            yield f"positions of {name} reach {largest:.3g} beside {span} rad: degrees, or a share of the range?"
-        elif limited and (least < low - room or most > high + room):
-            yield (
-                f"positions of {name} ({least:.3g} to {most:.3g}) leave {span}: another zero, sign or unit?"
-            )
-        if qvel is None or time is None or (np.diff(time) <= 0).any() or time.size < ENOUGH:
-            continue
-        v = qvel[:, speeds[name]]
-        if np.isfinite(v).any() and np.nanmax(np.abs(v)) > 0:
-            found = ratio(v, np.gradient(q, time))
-            if found is not None and (said := meaning(found)):
-                yield f"velocities of {name} are {said} beside the slope of its positions"
+        slides = model.jnt_type[j] == SLIDE
+        in_degrees = {f"qpos:{name}": "deg"}
+        if not slides and limited and largest > full:
+            asked = "degrees, or a share of the range?"
+            yield f"positions of {name} reach {largest:.3g} beside {span} rad: {asked}", in_degrees
+        elif look_like_degrees(model, j, q):
+            yield f"positions of {name} look like degrees; radians are needed", in_degrees
+        else:
+            in_degrees = {}
+            if limited and (least < low - room or most > high + room):
+                left = f"positions of {name} ({least:.3g} to {most:.3g}) leave {span}"
+                yield f"{left}: another zero, sign or unit?", {}
+        yield from _speeds(arrays, model, names, name, q, bool(in_degrees))
 
 
-def _actuators(arrays: dict[str, Array], model: mujoco.MjModel, names: Names) -> Iterator[str]:
+def _speeds(
+    arrays: dict[str, Array], model: mujoco.MjModel, names: Names, name: str, q: Array, in_degrees: bool
+) -> Iterator[Doubt]:
+    """Velocities of a joint beside the slope of its positions, which may look like degrees."""
+    time, qvel = arrays.get("time"), arrays.get("qvel")
+    if qvel is None or time is None or (np.diff(time) <= 0).any() or time.size < ENOUGH:
+        return
+    v = qvel[:, dict(joint_columns(model, names, "qvel"))[name]]
+    if not np.isfinite(v).any() or np.nanmax(np.abs(v)) == 0:
+        return
+    found, slides = ratio(v, np.gradient(q, time)), model.jnt_type[names.joints.index(name)] == SLIDE
+    if in_degrees and (found is None or abs(found - 1) < NEAR):
+        yield f"velocities of {name} are degrees a second if those are degrees", {f"qvel:{name}": "deg/s"}
+    elif found is not None and (said := meaning(found, slides)):
+        unit = {f"{k}:{name}": u for factor, (k, u) in SPEEDS.items() if abs(found / factor - 1) < NEAR}
+        yield f"velocities of {name} are {said} beside the slope of its positions", unit
+
+
+def _actuators(arrays: dict[str, Array], model: mujoco.MjModel, names: Names) -> Iterator[Doubt]:
     ctrl, force, qpos = arrays.get("ctrl"), arrays.get("actuator_force"), arrays.get("qpos")
     low, high = command_limits(model)
     for a, name in enumerate(names.actuators):
@@ -126,23 +153,24 @@ def _actuators(arrays: dict[str, Array], model: mujoco.MjModel, names: Names) ->
             u = ctrl[:, a]
             room = BEYOND * (high[a] - low[a])
             if np.isfinite(room) and (np.nanmin(u) < low[a] - room or np.nanmax(u) > high[a] + room):
-                yield (
-                    f"commands of {name} ({np.nanmin(u):.3g} to {np.nanmax(u):.3g}) leave its ctrlrange of "
-                    f"{low[a]:.3g} to {high[a]:.3g}: another unit?"
-                )
+                left = f"commands of {name} ({np.nanmin(u):.3g} to {np.nanmax(u):.3g}) leave its ctrlrange"
+                yield f"{left} of {low[a]:.3g} to {high[a]:.3g}: another unit?", {}
             if np.ptp(u[np.isfinite(u)]) == 0:
-                yield f"the command of {name} never changes"
+                yield f"the command of {name} never changes", {}
             joint = int(model.actuator_trnid[a, 0])
             if quantity_of(model, a) == "position" and qpos is not None and 0 <= joint < model.njnt:
                 found = ratio(u, qpos[:, int(model.jnt_qposadr[joint])])
-                if found is not None and (said := meaning(found)):
-                    yield f"commands of {name} are {said} beside the positions that it is told"
+                slides = model.jnt_type[joint] == SLIDE
+                if found is not None and (said := meaning(found, slides)):
+                    unit = {} if abs(found * np.pi / 180 - 1) > NEAR or slides else {f"ctrl:{name}": "deg"}
+                    yield f"commands of {name} are {said} beside the positions that it is told", unit
         if force is not None and np.isfinite(force[:, a]).any():
             largest, limit = (
                 float(np.nanmax(np.abs(force[:, a]))),
                 float(np.abs(model.actuator_forcerange[a]).max()),
             )
             if largest == 0:
-                yield f"the measured force of {name} is always 0: it was not measured"
+                yield f"the measured force of {name} is always 0: it was not measured", {}
             if model.actuator_forcelimited[a] and largest > (1 + BEYOND) * limit:
-                yield f"the measured force of {name} reaches {largest:.3g}, its forcerange {limit:.3g}: another unit?"
+                reached = f"the measured force of {name} reaches {largest:.3g}, its forcerange {limit:.3g}"
+                yield f"{reached}: another unit?", {}

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
-from mpge_jax.diagnosis.inspection.doubts import doubts
+from mpge_jax.diagnosis.inspection.doubts import Doubt, doubts
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.formats.plain import aliased_log
 from mpge_jax.diagnosis.recordings.formats.registry import format_of, read_logs
@@ -68,7 +68,7 @@ class Overview:
         joined: how it is read as the model's motion, or None where no positions were recognised.
         given: what the map says, if there is one.
         recording: what a diagnosis would get, or None; then `problem` says why not.
-        doubts: what looks wrong. notes: what reading did to it.
+        doubted: what looks wrong, and units that would put it right. notes: what reading did to it.
     """
 
     log: Log
@@ -77,8 +77,21 @@ class Overview:
     joined: Joined | None
     recording: Recording | None
     problem: str | None
-    doubts: tuple[str, ...]
+    doubted: tuple[Doubt, ...]
     given: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def doubts(self) -> list[str]:
+        """What looks wrong, in sentences."""
+        return [sentence for sentence, _ in self.doubted]
+
+    @property
+    def for_a_map(self) -> bool:
+        """Whether a map could say more of the log: columns are not read, units look wrong, or it has no times."""
+        read = {(id(c), i) for c, i in self.found.values()}
+        parts = {(id(c), i) for t in self.log.tables for c in t.columns for i in range(c.values.shape[1])}
+        timeless = "time" not in self.given and all(t.time is None for t in self.log.tables)
+        return bool(parts - read) or timeless or any(units for _, units in self.doubted)
 
     @property
     def found(self) -> dict[str, tuple[Column, int]]:
@@ -90,7 +103,8 @@ class Overview:
     @property
     def notes(self) -> list[str]:
         said = self.recording.warnings if self.recording else tuple(self.joined.notes if self.joined else ())
-        return [note.removeprefix(f"{self.log.name}: ") for note in said]
+        plain = [note.removeprefix(f"{self.log.name}: ") for note in said]
+        return [note for note in plain if note.removesuffix(".") not in self.doubts]
 
 
 def overviews(

@@ -183,10 +183,8 @@ def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list
             continue
         if recording.time.size > 5 and np.ptp(value) == 0:
             still.append(names.joints[j])
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and np.abs(value).max() > 4 * np.pi:
-            limit = np.abs(model.jnt_range[j]).max() if model.jnt_limited[j] else np.inf
-            if np.abs(value).max() > 8 * limit or _swings_far(model, j, value):
-                out.append(f"{name}: positions of {names.joints[j]} look like degrees; radians are needed.")
+        if look_like_degrees(model, j, value):
+            out.append(f"{name}: positions of {names.joints[j]} look like degrees; radians are needed.")
     if still:
         out.append(f"{name}: {', '.join(still)} never moved; what acts there cannot be seen here.")
     if recording.ctrl is not None:
@@ -196,6 +194,15 @@ def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list
         for a in np.flatnonzero(beyond):
             out.append(f"{name}: commands of {names.actuators[a]} leave its ctrlrange and are clipped.")
     return out
+
+
+def look_like_degrees(model: mujoco.MjModel, joint: int, value: np.ndarray) -> bool:
+    """Whether a hinge goes farther in radians than its limits or its motors would have it."""
+    largest = np.abs(value).max()
+    if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE or not largest > 4 * np.pi:
+        return False
+    limit = np.abs(model.jnt_range[joint]).max() if model.jnt_limited[joint] else np.inf
+    return bool(largest > 8 * limit or _swings_far(model, joint, value))
 
 
 def _swings_far(model: mujoco.MjModel, joint: int, value: np.ndarray) -> bool:

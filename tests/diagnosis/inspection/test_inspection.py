@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 from pathlib import Path
 
 import mujoco
@@ -104,7 +105,9 @@ def test_what_a_map_names_is_shown_as_found(tmp_path):
     # of velocities and forces the log has none
     assert "not found:\n  velocities: none\n  forces: none\n" in text
     (tmp_path / "map.yaml").write_text(map_text(o, *_model()))
-    assert load(tmp_path / "map.yaml") == given
+    assert load(tmp_path / "map.yaml") == given | {
+        f"ctrl:{a}": {"from": given[f"ctrl:{a}"]} for a in _model()[1].actuators
+    }
     # a part of an array, by its number
     (o,) = overviews(_npz(tmp_path / "run.npz"), *_model(), {"qpos:elbow": {"from": "ctrl", "column": 1}})
     column, part = o.found["qpos:elbow"]
@@ -164,7 +167,64 @@ def test_ratios_are_only_told_of_what_goes_together():
     assert ratio(np.cos(t), np.sin(t)) is None
     assert ratio(t[:5], t[:5]) is None and ratio(0 * t, t) is None
     assert meaning(1.05) is None and meaning(3.0) is None
-    assert "degrees" in meaning(57.0) and "milli" in meaning(1e-3) and "sign" in meaning(-1.0)
+    assert "degrees" in meaning(57.0) and "sign" in meaning(-1.0) and meaning(1e3) is None
+    assert "millimetres" in meaning(1e-3, slides=True) and meaning(57.0, slides=True) is None
+
+
+@pytest.mark.parametrize("recorded", ["degrees", "positions in degrees", "velocities in degrees"])
+def test_the_map_puts_doubted_units_right(tmp_path, capsys, recorded):
+    """The command names the map, and what the map reads is the motion in SI units."""
+    m, model, log = motion(), tmp_path / "arm.xml", tmp_path / "run.npz"
+    model.write_text(ARM.replace('name="shoulder"', 'name="shoulder" limited="true" range="-90 90"'))
+    turned = np.array([180 / np.pi, 1.0])
+    _npz(
+        log,
+        qpos=m["qpos"] * (1.0 if recorded == "velocities in degrees" else turned),
+        qvel=m["qvel"] * (1.0 if recorded == "positions in degrees" else turned),
+    )
+    seen = tmp_path / "seen"
+    assert main([str(log), "--model", str(model), "--out", str(seen)]) == 0
+    said = capsys.readouterr().out
+    assert (
+        f"units in the map: python -m experiments.diagnose --model {model} --recordings {log} --map {seen}"
+        in said
+    )
+    lines = [
+        line for line in (seen / "map.yaml").read_text().splitlines() if "unit: " in line and "  # " in line
+    ]
+    assert len(lines) == (2 if recorded == "degrees" else 1) and all("shoulder" in line for line in lines)
+    (read,) = load_recordings([log], *_model(), load(seen / "map.yaml"))
+    np.testing.assert_allclose(read.qpos, m["qpos"], atol=1e-12)
+    np.testing.assert_allclose(read.qvel, m["qvel"], atol=1e-12)
+    assert main([str(log), "--model", str(model), "--out", str(seen), "--map", str(seen / "map.yaml")]) == 0
+    assert "looks wrong" not in capsys.readouterr().out
+
+
+def test_times_in_milliseconds_are_one_doubt_and_the_map_converts_them(tmp_path, capsys):
+    m, model, log, seen = motion(), tmp_path / "arm.xml", tmp_path / "run.npz", tmp_path / "seen"
+    model.write_text(ARM)
+    _npz(log, time=1e3 * m["time"])
+    for k in range(3):
+        shutil.copy(log, tmp_path / f"again_{k}.npz")
+    logs = [str(log), *map(str, sorted(tmp_path.glob("again_*.npz")))]
+    assert main([*logs, "--model", str(model), "--out", str(seen)]) == 1
+    said = capsys.readouterr().out
+    assert "velocities of" not in said and ").;" not in said
+    (read,) = load_recordings([log], *_model(), load(seen / "map.yaml"))
+    np.testing.assert_allclose(read.time, m["time"])
+
+
+def test_no_map_is_offered_where_nothing_is_left_to_map(tmp_path, capsys):
+    m, model, log = motion(), tmp_path / "arm.xml", tmp_path / "run.npz"
+    model.write_text(ARM)
+    np.savez(log, time=m["time"], qpos=m["qpos"])
+    arguments = [str(log), "--model", str(model), "--out", str(tmp_path / "seen")]
+    assert main(arguments) == 1
+    said = capsys.readouterr().out
+    assert "to diagnose" not in said and "record at least one of them" in said
+    np.savez(log, time=m["time"], qpos=m["qpos"], ctrl=np.c_[m["ctrl"], m["ctrl"]])
+    assert main(arguments) == 1
+    assert "to diagnose, once a map says what is missing: " in capsys.readouterr().out
 
 
 def test_the_picture_shows_every_column(tmp_path):

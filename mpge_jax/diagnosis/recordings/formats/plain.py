@@ -53,7 +53,7 @@ def aliased_log(path: Path, every: bool = False) -> Log | None:
     found = {title: key for key, title in aliases.best(groups).items()}
     wanted = list(groups) if every else list(found)
     raw, _ = raw_columns(path, {t for title in wanted for t in groups[title]}, every)
-    time, columns, unread = None, [], []
+    time, time_title, columns, unread = None, None, [], []
     for title in wanted:
         members = groups[title]
         if any(t not in raw or raw[t].dtype.kind not in "fiub" or raw[t].ndim not in (1, 2) for t in members):
@@ -65,14 +65,15 @@ def aliased_log(path: Path, every: bool = False) -> Log | None:
             unread.append(title)
             continue
         if found.get(title) == "time":
-            time = values[:, 0]
+            time, time_title = values[:, 0], next(iter(members))
             continue
         named = csv and not all(p.isdigit() or not p for p in members.values())
         parts = tuple(members.values()) if named else None
         columns.append(Column(title, values, parts, found.get(title), titles=tuple(members) if csv else None))
     if not columns and time is None:
         return None
-    return Log(path.stem, (Table("", tuple(columns), time, "its own times"),), unread=tuple(unread))
+    table = Table("", tuple(columns), time, "its own times", time_title=time_title)
+    return Log(path.stem, (table,), unread=tuple(unread))
 
 
 def _grouped(titles: list[str], every: bool) -> dict[str, dict[str, str]]:

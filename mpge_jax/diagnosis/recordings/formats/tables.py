@@ -47,6 +47,7 @@ class Table:
         time: [T] s from the log's `origin` on, or None where the log has no times.
         clock: whose times these are, in words.
         received: [T] s, when the recorder got the rows, where `time` is what the sender stamped.
+        time_title: what a map calls the times, where they are a column of the file.
     """
 
     title: str
@@ -54,6 +55,7 @@ class Table:
     time: Array | None
     clock: str
     received: Array | None = None
+    time_title: str | None = None
 
     @property
     def rows(self) -> int:
