@@ -165,10 +165,7 @@ def _recording(
         if value.dtype.kind not in "fiub":
             raise InputError(f"{file}: '{key}' does not hold numbers but {value.dtype}.")
         check_values(file, key, value.size)
-        value = np.asarray(value, dtype=float)
-        if value.ndim == 1 and key != "time":
-            value = value[:, None]
-        arrays[KEYS[key]] = value
+        arrays[KEYS[key]] = np.asarray(value, dtype=float)
     for key in ("ctrl", "force") if model.nu == 0 else ():
         if np.nan_to_num(arrays.pop(key, np.zeros(0))).any():
             what = "commands ('ctrl')" if key == "ctrl" else "forces of actuators"

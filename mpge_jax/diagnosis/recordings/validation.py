@@ -88,10 +88,16 @@ def validate(
 
 
 def _of_arrays(r: Recording) -> Recording:
-    """The recording with arrays in place of lists, and without commands or forces of which there is none."""
-    qvel, ctrl, force = (None if x is None else np.asarray(x) for x in (r.qvel, r.ctrl, r.force))
+    """The recording with arrays in place of lists and of single columns, and without commands or forces of which there
+    is none."""
+    qvel, ctrl, force = (None if x is None else _table(x) for x in (r.qvel, r.ctrl, r.force))
     ctrl, force = (None if x is None or (x.size and np.isnan(x).all()) else x for x in (ctrl, force))
-    return replace(r, time=np.asarray(r.time), qpos=np.asarray(r.qpos), qvel=qvel, ctrl=ctrl, force=force)
+    return replace(r, time=np.asarray(r.time), qpos=_table(r.qpos), qvel=qvel, ctrl=ctrl, force=force)
+
+
+def _table(value: Array) -> Array:
+    value = np.asarray(value)
+    return value[:, None] if value.ndim == 1 else value
 
 
 def _check_finite(

@@ -454,6 +454,18 @@ def test_commands_that_are_nan_throughout_were_not_recorded(tmp_path, arm):
     assert r.ctrl is None and r.force is not None
 
 
+def test_a_single_column_may_be_a_plain_array(tmp_path):
+    model = compile_variable(mujoco.MjSpec.from_string(PENDULUM))
+    t = 0.01 * np.arange(20)
+    given = Recording("a", t, np.sin(t), np.cos(t), 0 * t)
+    np.savez(tmp_path / "a.npz", time=t, qpos=given.qpos, qvel=given.qvel, ctrl=given.ctrl)
+    read = read_recording(tmp_path / "a.npz", model, names_of(model))
+    checked = validate(given, model, names_of(model))
+    for key in ("qpos", "qvel", "ctrl"):
+        assert getattr(checked, key).shape == (20, 1)
+        np.testing.assert_array_equal(getattr(read, key), getattr(checked, key))
+
+
 def test_lists_are_arrays(arm):
     r = validate(Recording("run", [0.0, 0.1], [[0, 0], [1, 1]], None, [[0, 0], [0, 0]]), *arm)
     assert r.qpos.shape == r.ctrl.shape == (2, 2)
