@@ -14,7 +14,7 @@ from envs.env import Env
 from envs.legacy import use_legacy_inertia
 from envs.tasks import TASKS
 from envs.types import Engine, Task, Variant
-from envs.variants import VARIANTS
+from envs.variants import VARIANTS, folded
 
 BACKENDS = ("auto", "c", "mjx", "warp")
 DYNAMICS = ("mujoco", "legacy")
@@ -160,6 +160,6 @@ def _has_warp() -> bool:
 def _check(name: str, known: Iterable[str], kind: str) -> None:
     known = list(known)
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+        near = difflib.get_close_matches(name, known, n=1, cutoff=0.65)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise ValueError(f"unknown {kind} {name!r}{hint} (known: {', '.join(known)})")
+        raise ValueError(f"unknown {kind} {name!r}{hint} (known: {folded(known)})")

@@ -4,12 +4,12 @@ python -m experiments.sweep --task BrokenCheetah --method SPG MPGE-MS --samples 
 python -m experiments.sweep --task my_robot.py:MyRobot --target-log my_bag/ --method MPGE-MS diagnosed
 """
 
+import dataclasses
 import difflib
-import pprint
 import sys
 import time
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,7 +22,7 @@ from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs
 from envs import own_tasks
-from envs.variants import HIDDEN, PAPER
+from envs.variants import HIDDEN, PAPER, folded
 from experiments import methods, report, runners
 from experiments.ending import exit_status
 from experiments.inputs import inputs_of
@@ -95,9 +95,9 @@ class CellJob:
 
 def _check(value: str, known: Sequence[str], option: str) -> str:
     if value not in known:
-        near = difflib.get_close_matches(value, known, n=1, cutoff=0.3)
+        near = difflib.get_close_matches(value, known, n=1, cutoff=0.65)
         hint = f"; did you mean {near[0]}?" if near else ""
-        raise ValueError(f"--{option} {value} is not known{hint} (allowed: {', '.join(known)})")
+        raise ValueError(f"--{option} {value} is not known{hint} (allowed: {folded(known)})")
     return value
 
 
@@ -231,7 +231,8 @@ def _run(args: Args, cells: list[Cell], preset: Preset, folder: SweepFolder) -> 
         left_out = [name for name in METHODS if name not in methods.from_logs()]
         for note in (*logged.told(log, source), f"not possible from a log: {', '.join(left_out)}"):
             console.print(note, highlight=False, markup=False)
-    console.print(pprint.pformat(settings, width=110), highlight=False)
+    for line in settings_in_lines(settings):
+        console.print(line, highlight=False, markup=False)
     steps = {
         name: config.simulator_steps
         for name, method in METHODS.items()
@@ -274,6 +275,16 @@ def _run(args: Args, cells: list[Cell], preset: Preset, folder: SweepFolder) -> 
     Console().print(Markdown((out / "results.md").read_text()))
     console.print(f"tables and pictures: {out}", highlight=False)
     return len(failures)
+
+
+def settings_in_lines(settings: Any, name: str = "settings") -> Iterator[str]:
+    """A configuration, a line for each group of its settings, which a terminal of any width wraps between words."""
+    values = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
+    groups = {key: value for key, value in values.items() if dataclasses.is_dataclass(value)}
+    own = [f"{key}={value!r}".replace(" ", "") for key, value in values.items() if key not in groups]
+    yield f"{name}: {' '.join(own)}"
+    for key, value in groups.items():
+        yield from settings_in_lines(value, key)
 
 
 def _key(cell: Cell) -> tuple[str, int]:

@@ -15,6 +15,7 @@ be set beside ODRL's tables; nor are its source tasks (Gym's, in MuJoCo 2.1) qui
 A range that ends at 0 where the robot stands (Hopper's) keeps that end.
 """
 
+from collections.abc import Iterable
 from functools import partial
 
 import mujoco
@@ -78,3 +79,9 @@ def _of(task: str) -> list[Variant]:
 
 
 ODRL = (*_of("HalfCheetah"), *_of("Hopper"))
+
+
+def folded(names: Iterable[str]) -> str:
+    """Names in a message, where those of ODRL are one pattern for each robot."""
+    ours = {variant.name for variant in ODRL}
+    return ", ".join(dict.fromkeys(f"{n.partition('-')[0]}-... (ODRL)" if n in ours else n for n in names))

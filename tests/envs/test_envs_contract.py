@@ -205,6 +205,14 @@ def test_unknown_environment(name, known):
         envs.make(name)
 
 
+def test_what_is_like_no_name_gets_a_short_list_and_no_guess():
+    with pytest.raises(
+        ValueError, match=r"unknown environment 'Nope' \(known: Inv.*, hopper-\.\.\. \(ODRL\)\)$"
+    ) as e:
+        envs.make("Nope")
+    assert len(str(e.value)) < 400
+
+
 def test_unknown_backend_and_dynamics():
     with pytest.raises(ValueError, match="unknown backend 'mjc'; did you mean 'mjx'"):
         envs.make("Hopper", backend="mjc")

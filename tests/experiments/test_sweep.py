@@ -102,6 +102,8 @@ def faked(monkeypatch, tiny):
         (["--backend", "cc"], "--backend cc is not known; did you mean c?"),
         (["--dynamics", "legasy"], "--dynamics legasy is not known; did you mean legacy?"),
         (["--samples", "1000", "4"], "--samples 4 is smaller than the number of rollout policies, 5"),
+        (["--preset", "fast"], "--preset fast is not known (allowed: quick, "),
+        (["--task", "NoSuch"], "--task NoSuch is not known (allowed: SkewedPendulum, "),
         (["--seeds", "0"], "--seeds must be at least 1, got 0"),
     ],
 )
@@ -134,6 +136,17 @@ def test_the_command_itself_refuses_with_status_2(tmp_path):
     )
     assert "Traceback" not in done.stderr and len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_the_configuration_is_told_without_a_broken_word(monkeypatch, capsys, tmp_path, faked, width):
+    monkeypatch.setenv("COLUMNS", str(width))
+    run(monkeypatch, "--preset", "tiny", "--method", "direct", "--out", tmp_path)
+    said = capsys.readouterr().err.split()
+    settings = TINY.tasks["InvertedPendulum"]
+    for config in (settings, settings.grounding, settings.grounding.discriminator, settings.agent.sac):
+        for field in dataclasses.fields(config):
+            assert any(word.startswith((f"{field.name}=", f"{field.name}:")) for word in said), field.name
 
 
 def test_a_folder_of_another_sweep_is_refused_and_kept(monkeypatch, capsys, tmp_path, faked):
