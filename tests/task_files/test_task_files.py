@@ -33,6 +33,13 @@ def test_names_of_models_files_and_poses_are_never_run(tmp_path, write):
     }
 
 
+@pytest.mark.parametrize("write", [text_of, corrected_text_of])
+def test_where_episodes_start_is_told_as_it_is(tmp_path, write):
+    path = tmp_path / "m.xml"
+    path.write_text(ARM.replace('<keyframe><key name="KEY" qpos="0.2"/></keyframe>', ""))
+    assert "# Where episodes start: the reference pose.\n" in write(robot_of(path, tmp_path / "task.py"))
+
+
 def test_a_name_is_a_name(tmp_path):
     (tmp_path / "m.xml").write_text(ARM)
     with pytest.raises(ValueError, match="letters, digits"):
