@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from numbers import Integral, Real
+from typing import Any
+
+KINDS: dict[str, tuple[Any, str]] = {
+    "int": (Integral, "a whole number"),
+    "int | None": (Integral | None, "a whole number or None"),
+    "float": (Real, "a number"),
+    "bool": (bool, "True or False"),
+}
 
 
 @dataclass(frozen=True)
@@ -30,6 +39,10 @@ class Config:
     quiet: bool = False
 
     def __post_init__(self) -> None:
+        for f in fields(self):
+            value, (type_, words) = getattr(self, f.name), KINDS.get(str(f.type), (object, ""))
+            if not isinstance(value, type_):
+                raise ValueError(f"{f.name} must be {words}, got {value!r}.")
         if not 0.02 <= self.decide_s <= 5 or not 0.02 <= self.report_s <= 5:
             raise ValueError("window lengths must lie between 0.02 and 5 seconds.")
         if not 0.0 <= self.masses_within <= 0.3:

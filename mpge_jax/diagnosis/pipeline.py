@@ -49,7 +49,7 @@ class Progress:
 
 def diagnose(
     model: str | Path | mujoco.MjSpec,
-    recordings: Sequence[Recording] | Sequence[str | Path] | str | Path,
+    recordings: Sequence[Recording] | Sequence[str | Path] | Recording | str | Path,
     config: Config | None = None,
     columns: dict[str, object] | None = None,
     progress: Path | None = None,

@@ -223,7 +223,21 @@ def shipped(
       task: the source task.
       kind: `MS` or `ER`.
       entropy_coefficient: of an `ER` set: 0.1 (the paper's text) or 0.01 (its authors' code).
+
+    Raises:
+      ValueError: the kind or the task is not known, or the task is a target.
+      FileNotFoundError: the task has no such set yet.
     """
     if kind not in KINDS:
         raise ValueError(f"unknown kind of policy set {kind!r} (known: {', '.join(KINDS)})")
-    return load(shipped_path(task, kind, entropy_coefficient))
+    if (source := envs.source_of(task)) != envs.plain_name(task):
+        raise ValueError(f"{task} is a target; policies are trained in its source, {source}")
+    path = shipped_path(source, kind, entropy_coefficient)
+    if not path.is_file():
+        file = "" if envs.home_of(source) is None else "FILE.py:"
+        options = "" if kind == "MS" else f" --entropy-coefficient {entropy_coefficient:g}"
+        raise FileNotFoundError(
+            f"{source} has no {kind} set of policies yet; `python -m experiments.pretrain --task {file}{source} "
+            f"--kind {kind}{options}` trains one"
+        )
+    return load(path)

@@ -130,8 +130,14 @@ def test_a_set_that_would_fill_the_memory_is_refused_before_it_is_unpacked(tmp_p
 def test_a_missing_set_says_how_to_make_one(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"python -m experiments\.pretrain"):
         policies.load(tmp_path / "none.npz")
-    with pytest.raises(FileNotFoundError, match="Nothing-MS"):
-        policies.shipped("Nothing", "MS")
+    with pytest.raises(ValueError, match="unknown environment 'Pendulum'"):
+        policies.shipped("Pendulum", "MS")
+    with pytest.raises(ValueError, match=r"SkewedPendulum is a target; .* its source, InvertedPendulum"):
+        policies.shipped("SkewedPendulum", "MS")
+    with pytest.raises(
+        FileNotFoundError, match=r"pretrain --task Hopper --kind ER --entropy-coefficient 0\.5`"
+    ):
+        policies.shipped("Hopper", "ER", 0.5)
     with pytest.raises(ValueError, match="unknown kind of policy set 'XY'"):
         policies.shipped("InvertedPendulum", "XY")
 

@@ -223,7 +223,7 @@ def load_recordings(
 
 
 def read(
-    recordings: Sequence[Recording] | Sequence[str | Path] | str | Path,
+    recordings: Sequence[Recording] | Sequence[str | Path] | Recording | str | Path,
     model: mujoco.MjModel,
     names: Names,
     columns: dict[str, object] | None = None,
@@ -236,10 +236,17 @@ def read(
     Raises:
         InputError: the input cannot be used; the message says what to do.
     """
-    if isinstance(recordings, str | Path):
-        recordings = [recordings]
-    ready = [r for r in recordings if isinstance(r, Recording)]
-    files = [r for r in recordings if not isinstance(r, Recording)]
+    given: Sequence[object] = [recordings]
+    if isinstance(recordings, Sequence) and not isinstance(recordings, str):
+        given = recordings
+    for one in given:
+        if not isinstance(one, str | Path | Recording):
+            raise InputError(
+                f"recordings are paths or Recording(name, time, qpos, qvel, ctrl), not {type(one).__name__}; "
+                "of an .npz file, give the path."
+            )
+    ready = [r for r in given if isinstance(r, Recording)]
+    files = [r for r in given if isinstance(r, str | Path)]
     checked = [validate(r, model, names) for r in ready]
     if files or not ready:
         checked += load_recordings(files, model, names, columns)
