@@ -109,6 +109,8 @@ def main(argv: list[str] | None = None) -> int:
         progress = args.out / ".progress.json"
         with files.held(args.out):
             result = diagnose(args.model, args.recordings, config, columns, progress)
+            if not args.quiet:
+                print(f"[{result.seconds:5.0f} s] writing the report", file=sys.stderr, flush=True)
             try:
                 result.write(args.out)
                 progress.unlink(missing_ok=True)

@@ -16,6 +16,7 @@ from mpge_jax.diagnosis.machine.model import is_scalar
 from mpge_jax.diagnosis.recordings.recording import Recording
 from mpge_jax.diagnosis.recordings.states import States
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
+from mpge_jax.diagnosis.simulation.cheaper_steps import changes
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import HISTORY, Windows
 from mpge_jax.diagnosis.verdict.result import Result
@@ -143,9 +144,9 @@ class _Linear:
             else:
                 shift[:, i - theta.size] = h
             runs.append(Run(f.hypothesis, theta, shift))
-        res = d.prepared.sim.residuals(runs, w)[..., :nv]
-        self.base = res[0]
-        self.columns = (res[1:] - res[0]) / steps[:, None, None, None]
+        sim = d.prepared.sim
+        self.base = sim.residuals(runs[:1], w)[0, ..., :nv]
+        self.columns = changes(sim, runs, w)[..., :nv] / steps[:, None, None, None]
         self.precision = np.zeros((steps.size, steps.size))
         p = f.theta.size
         self.precision[:p, :p] = np.linalg.pinv(cov, hermitian=True)
