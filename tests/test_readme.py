@@ -4,6 +4,7 @@ Links, and the commands of all pages: tests/documentation."""
 
 import re
 import shlex
+import textwrap
 from pathlib import Path
 
 import jax
@@ -69,11 +70,19 @@ def test_the_example_of_a_target_changes_model_and_action(monkeypatch: pytest.Mo
     assert [cell.task for cell in cells] == ["TiredPendulum"]
 
 
+def test_the_lines_for_brax_put_a_copy_on_each_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    (code,) = re.findall(r"\n( {4}jax\.device_put_replicated = (?:.*\n)+? {4}\)\n)", README)
+    monkeypatch.setattr(jax, "device_put_replicated", None, raising=False)
+    exec(textwrap.dedent(code), {"jax": jax})
+    copies = jax.device_put_replicated({"a": jnp.arange(3)}, jax.local_devices() * 2)
+    np.testing.assert_array_equal(copies["a"], [[0, 1, 2]] * 2 * len(jax.local_devices()))
+
+
 def commands(module: str) -> list[list[str]]:
     """The arguments of every `python -m module ...` in the README."""
     found = re.findall(rf"python -m {re.escape(module)}([^`\n]*)", README)
     assert found, f"the README does not show {module}"
-    return [shlex.split(arguments) for arguments in found]
+    return [shlex.split(arguments, comments=True) for arguments in found]
 
 
 def test_the_commands_are_understood() -> None:

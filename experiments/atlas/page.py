@@ -32,6 +32,10 @@ left over stand on the machine's page (the link).
 *Reference*: what an expert's plain fit reached on the same recordings, of forces; met within 1.1 times. Of motions it
 is 1.1 times what the fit reached.
 """
+LAYOUT = """`python -m experiments.atlas --recordings DIR` reads them from folders of DIR that have these names, each with
+`model.xml` and the recordings, `heldout_*` among them where some only judge. The outermost of these folders holds a
+`README.txt` with the lines `Source repo: ...` and `License: ...`, which this table repeats.
+"""
 Row = dict[str, Any]
 
 
@@ -85,8 +89,12 @@ def markdown(kept: Mapping[str, Row], learnt: Mapping[str, Any] | None = None) -
     if missing := [MACHINES[key].title for key in MACHINES if key not in kept]:
         lines += ["", f"Not diagnosed yet: {', '.join(missing)}."]
     lines += [] if learnt is None else _learnt(learnt, kept)
-    lines += ["", "## Where the recordings come from", "", "| machine | source | licence |", "|---|---|---|"]
-    lines += [f"| {MACHINES[key].title} | {row['source']} | {row['licence']} |" for key, row in kept.items()]
+    lines += ["", "## Where the recordings come from", "", LAYOUT]
+    lines += ["| machine | folder | source | licence |", "|---|---|---|---|"]
+    lines += [
+        f"| {MACHINES[k].title} | `{MACHINES[k].folder}` | {r['source']} | {r['licence']} |"
+        for k, r in kept.items()
+    ]
     lines += ["", _made(kept), ""]
     return "\n".join(lines)
 

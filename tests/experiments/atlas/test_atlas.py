@@ -74,7 +74,7 @@ def test_a_row_by_hand(tmp_path):
     assert cells[4:7] == ["5e+03 N", "2e+03 N", "2.5 times less"]
     assert cells[7:] == ["0.35 of the force; here 0.4: **missed**", "12 s"]
     assert "Verdicts: 1 `unexplained`. The reference is met on 0 of the 1 that have one." in text
-    assert "| Friction damper with backlash | owner/name @1234 | MIT |" in text
+    assert "| Friction damper with backlash | `brfd/standard` | owner/name @1234 | MIT |" in text
 
 
 def test_what_may_be_a_part_of_the_unknown_is_told_with_it(tmp_path):
