@@ -29,7 +29,12 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("log", nargs="+", type=Path, help="logs: .npz, .csv, .h5, .bag, .db3, .mcap, or folders")
     out.add_argument("--model", required=True, type=Path, help="MJCF or URDF file of the model")
     add_log_options(out)
-    out.add_argument("--out", type=Path, default=Path("inspection"), help="folder for picture and map")
+    out.add_argument(
+        "--out",
+        type=Path,
+        default=Path("inspection"),
+        help="folder for picture and map (default: %(default)s)",
+    )
     return out
 
 

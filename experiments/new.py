@@ -25,8 +25,13 @@ class Args:
     """Writes a task file for a robot of your own."""
 
     model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="MJCF file of the robot")]
-    out: Annotated[Path | None, tyro.conf.arg(help="task file to write (default: MODEL.py beside it)")] = None
-    name: Annotated[str | None, tyro.conf.arg(help="of the task (default: from the model's file)")] = None
+    out: Annotated[
+        Path | None,
+        tyro.conf.arg(help="task file to write", help_behavior_hint="(default: MODEL.py beside it)"),
+    ] = None
+    name: Annotated[
+        str | None, tyro.conf.arg(help="of the task", help_behavior_hint="(default: from the model's file)")
+    ] = None
 
 
 def _free(name: str) -> str:

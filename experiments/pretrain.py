@@ -69,7 +69,7 @@ class Training(flax.struct.PyTreeNode):
 
 @dataclass(frozen=True)
 class Args:
-    """Command line.
+    """Trains a set of source policies, which replaces the shipped one or lies beside the file of your own task.
 
     Attributes:
       task: HalfCheetah, Hopper, InvertedPendulum, or path/to/file.py:NAME for a task of your own.

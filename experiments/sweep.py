@@ -50,22 +50,35 @@ class Args:
     method: Annotated[tuple[str, ...], tyro.conf.arg(help=_METHODS_HELP)] = ("all",)
     samples: Annotated[
         tuple[int, ...],
-        tyro.conf.arg(help="transitions recorded in the target (default: 1000; of a log all)"),
+        tyro.conf.arg(
+            help="transitions recorded in the target", help_behavior_hint="(default: 1000; of a log all)"
+        ),
     ] = ()
     seeds: Annotated[int, tyro.conf.arg(help="number of repetitions, 0 to seeds - 1")] = 2
     preset: Annotated[str, tyro.conf.arg(help=_PRESETS_HELP)] = "quick"
     target_log: Annotated[
         tuple[Path, ...],
-        tyro.conf.arg(help="recordings of the target, files or folders, in place of a simulated one"),
+        tyro.conf.arg(
+            help="recordings of the target, files or folders, in place of a simulated one",
+            help_behavior_hint="(default: none)",
+        ),
     ] = ()
     model: Annotated[
-        Path | None, tyro.conf.arg(help="MJCF or URDF of the machine in the log (default: the task's own)")
+        Path | None,
+        tyro.conf.arg(
+            help="MJCF or URDF of the machine in the log", help_behavior_hint="(default: the task's own)"
+        ),
     ] = None
     map: Annotated[Path | None, tyro.conf.arg(help="renames and converts the log's columns")] = None
     reader_file: Annotated[
-        tuple[Path, ...], tyro.conf.arg(help="files that register readers of your own for the log")
+        tuple[Path, ...],
+        tyro.conf.arg(
+            help="files that register readers of your own for the log", help_behavior_hint="(default: none)"
+        ),
     ] = ()
-    out: Annotated[Path | None, tyro.conf.arg(help="output folder (default: results/TASK-PRESET)")] = None
+    out: Annotated[
+        Path | None, tyro.conf.arg(help="output folder", help_behavior_hint="(default: results/TASK-PRESET)")
+    ] = None
     backend: Annotated[str, tyro.conf.arg(help="physics: " + ", ".join(envs.BACKENDS))] = "auto"
     dynamics: Annotated[str, tyro.conf.arg(help="inertia of capsules: " + ", ".join(envs.DYNAMICS))] = (
         "mujoco"

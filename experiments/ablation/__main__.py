@@ -134,7 +134,7 @@ def main(args: list[str] | None = None) -> int:
     """The command line; returns the exit status."""
 
     def work() -> int:
-        command = tyro.cli(Command, args=args, description=__doc__)
+        command = tyro.cli(Command, args=args, prog="python -m experiments.ablation", description=__doc__)
         if isinstance(command, Run):
             run(command)
             return 0

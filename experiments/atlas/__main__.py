@@ -21,7 +21,10 @@ class Args:
     """Diagnoses the public machines that are not yet in the atlas, each of which takes minutes, and writes its page."""
 
     recordings: Annotated[
-        Path | None, tyro.conf.arg(help=f"folder of the machines' recordings (default: ${record.FOLDER})")
+        Path | None,
+        tyro.conf.arg(
+            help="folder of the machines' recordings", help_behavior_hint=f"(default: ${record.FOLDER})"
+        ),
     ] = field(default_factory=record.folder_given)
     machine: Annotated[
         tuple[str, ...],

@@ -48,7 +48,10 @@ class Args:
     """Lets strong learners look for structure in what the diagnoses of the public machines leave."""
 
     recordings: Annotated[
-        Path | None, tyro.conf.arg(help=f"folder of the machines' recordings (default: ${record.FOLDER})")
+        Path | None,
+        tyro.conf.arg(
+            help="folder of the machines' recordings", help_behavior_hint=f"(default: ${record.FOLDER})"
+        ),
     ] = field(default_factory=record.folder_given)
     machine: Annotated[tuple[str, ...], tyro.conf.arg(help=f"which: {', '.join(MACHINES)}")] = tuple(MACHINES)
     jobs: Annotated[int, tyro.conf.arg(help="threads of a diagnosis")] = 1

@@ -35,11 +35,14 @@ class Args:
 
     part: Annotated[tuple[str, ...], tyro.conf.arg(help="what to measure: " + ", ".join(PARTS))] = PARTS
     backend: Annotated[
-        tuple[str, ...], tyro.conf.arg(help="physics: c, mjx, warp (default: all that run here)")
+        tuple[str, ...],
+        tyro.conf.arg(help="physics: c, mjx, warp", help_behavior_hint="(default: all that run here)"),
     ] = ()
     copies: Annotated[
         tuple[int, ...],
-        tyro.conf.arg(help="parallel environments of part envs (default: by backend and device)"),
+        tyro.conf.arg(
+            help="parallel environments of part envs", help_behavior_hint="(default: by backend and device)"
+        ),
     ] = ()
     members: Annotated[
         tuple[int, ...], tyro.conf.arg(help="transformers grounded, and SAC agents trained, at once")

@@ -113,7 +113,7 @@ def main(args: list[str] | None = None) -> int:
     )
 
     def work() -> int:
-        command = tyro.cli(Command, args=args, description=__doc__)
+        command = tyro.cli(Command, args=args, prog="python -m experiments.blind", description=__doc__)
         if isinstance(command, Score):
             text = write_score(
                 command.answers, command.runs, command.out, command.alone, command.told, command.kept

@@ -34,13 +34,21 @@ class Args:
         Path | None, tyro.conf.arg(help="--out of an earlier run on the same robots, to say what changed")
     ] = None
     effects: Annotated[
-        tuple[str, ...], tyro.conf.arg(help="effects to try (default: all)", metavar="ID ...")
+        tuple[str, ...],
+        tyro.conf.arg(help="effects to try", help_behavior_hint="(default: all)", metavar="ID ..."),
     ] = ()
     effects_file: Annotated[
-        tuple[Path, ...], tyro.conf.arg(help="Python files that register effects of your own")
+        tuple[Path, ...],
+        tyro.conf.arg(
+            help="Python files that register effects of your own", help_behavior_hint="(default: none)"
+        ),
     ] = ()
     reader_file: Annotated[
-        tuple[Path, ...], tyro.conf.arg(help="Python files that register readers of your own for logs")
+        tuple[Path, ...],
+        tyro.conf.arg(
+            help="Python files that register readers of your own for logs",
+            help_behavior_hint="(default: none)",
+        ),
     ] = ()
     map: Annotated[Path | None, tyro.conf.arg(help="YAML file that renames and converts columns")] = None
     seed: Annotated[int, tyro.conf.arg(help="seed of every random choice")] = 0

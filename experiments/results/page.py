@@ -34,7 +34,9 @@ class Args:
     folders: Annotated[
         tuple[Path, ...],
         tyro.conf.Positional,
-        tyro.conf.arg(help="folders of sweeps and benchmarks (default: all in results)"),
+        tyro.conf.arg(
+            help="folders of sweeps and benchmarks", help_behavior_hint="(default: all in results)"
+        ),
     ] = ()
     out: Annotated[Path, tyro.conf.arg(help="the page; pictures go into images beside it")] = Path(
         "docs/results.md"

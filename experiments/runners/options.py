@@ -41,11 +41,18 @@ class Options:
     ] = 3
     address: Annotated[
         str | None,
-        tyro.conf.arg(help="ray: address of a cluster (default: RAY_ADDRESS; else one on this machine)"),
+        tyro.conf.arg(
+            help="ray: address of a cluster",
+            help_behavior_hint="(default: RAY_ADDRESS; else one on this machine)",
+        ),
     ] = None
     hours: Annotated[float, tyro.conf.arg(help="slurm: time limit of a job")] = 24.0
     sbatch: Annotated[
-        tuple[str, ...], tyro.conf.arg(help="slurm: further options of sbatch: partition=long account=robots")
+        tuple[str, ...],
+        tyro.conf.arg(
+            help="slurm: further options of sbatch: partition=long account=robots",
+            help_behavior_hint="(default: none)",
+        ),
     ] = ()
     executor: Annotated[
         Literal["slurm", "local"],

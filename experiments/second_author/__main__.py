@@ -42,7 +42,9 @@ def main(args: list[str] | None = None) -> int:
     """The command line; returns the exit status."""
 
     def work() -> int:
-        command = tyro.cli(Command, args=args, description=__doc__)
+        command = tyro.cli(
+            Command, args=args, prog="python -m experiments.second_author", description=__doc__
+        )
         if isinstance(command, Names):
             for case in CASES:
                 print(f"{case.name:20} {case.kind}")

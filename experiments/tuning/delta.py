@@ -9,7 +9,7 @@ import json
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import jax
 import tyro
@@ -34,14 +34,10 @@ SETTINGS = ((0.5, 0.99), (1.0, 0.99), (1.0, 0.7), (1.0, 0.3), (1.0, 0.0))
 
 @dataclass
 class Args:
-    """Measure what reach and discount do.
+    """Measure what reach and discount do."""
 
-    Attributes:
-      out: a JSON file for each setting. page: where the table goes.
-    """
-
-    out: Path
-    page: Path = Path("docs/delta.md")
+    out: Annotated[Path, tyro.conf.arg(help="folder for a JSON file of each setting")]
+    page: Annotated[Path, tyro.conf.arg(help="where the table goes")] = Path("docs/delta.md")
 
 
 def trial(reach: float, discount: float) -> dict[str, Any]:

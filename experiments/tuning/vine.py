@@ -73,7 +73,9 @@ class Args:
     page: Annotated[Path, tyro.conf.arg(help="the page")] = Path("docs/vine.md")
     samples: Annotated[tuple[int, ...], tyro.conf.arg(help="transitions recorded in the target")] = SAMPLES
     backend: Annotated[str, tyro.conf.arg(help="physics: " + ", ".join(envs.BACKENDS))] = "auto"
-    variant: Annotated[tuple[str, ...], tyro.conf.arg(help="which (default: all)")] = tuple(standard())
+    variant: Annotated[tuple[str, ...], tyro.conf.arg(help="which", help_behavior_hint="(default: all)")] = (
+        tuple(standard())
+    )
 
     def __post_init__(self) -> None:
         if self.backend not in envs.BACKENDS:

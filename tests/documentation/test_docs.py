@@ -1,7 +1,9 @@
 """What the pages of the documentation say is so: commands are understood, links and names exist, effects are drawn."""
 
+import importlib
 import re
 import shlex
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -117,3 +119,17 @@ def test_signatures_show_the_torque_that_is_missing(signatures):
         assert np.median(t.missing[moving]) == pytest.approx(-0.3 * sign, abs=0.02)
     text = signatures.signature("contact_stiffness")
     assert text.count("<polyline") == 2 and "height (m)" in text and "nan" not in text
+
+
+@pytest.mark.parametrize("name", [*BY_TYRO, "tuning.delta"])
+def test_help_names_its_command_and_every_default_once(name, monkeypatch, capsys):
+    module = importlib.import_module(f"experiments.{name}")
+    if hasattr(module, "__path__"):
+        module = importlib.import_module(f"experiments.{name}.__main__")
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
+    with pytest.raises(SystemExit):
+        (module.command if name == "pretrain" else module.main)()
+    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert said.startswith(f"usage: python -m experiments.{name} ")
+    for odd in ("(default: )", ") (default:", "Attributes:", "Command line."):
+        assert odd not in said
