@@ -32,7 +32,7 @@ left over stand on the machine's page (the link).
 *Reference*: what an expert's plain fit reached on the same recordings, of forces; met within 1.1 times. Of motions it
 is 1.1 times what the fit reached.
 """
-LAYOUT = """`python -m experiments.atlas --recordings DIR` reads them from folders of DIR that have these names, each with
+LAYOUT = """`python -m experiments.atlas --recordings DIR` reads them from folders of DIR with these names, each with
 `model.xml` and the recordings, `heldout_*` among them where some only judge. The outermost of these folders holds a
 `README.txt` with the lines `Source repo: ...` and `License: ...`, which this table repeats.
 """
