@@ -11,7 +11,7 @@ from mpge_jax.diagnosis.verdict.result import Result
 
 
 class Diagnosis(Result):
-    """A `Result` that writes itself and rebuilds its machine."""
+    """A `Result` that writes itself and rebuilds its machine; all numbers are in SI units, angles in radians."""
 
     def __repr__(self) -> str:
         named = [str(term) for term in self.named]

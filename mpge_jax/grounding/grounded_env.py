@@ -12,7 +12,8 @@ class GroundedEnv(Wrapper):
     """An environment like any other, whose actions pass through one of N transformers, drawn at every reset.
 
     pi_g is deterministic here. The reward is that of the action asked for: the agent pays for its own control effort,
-    not for what the transformer makes of it.
+    not for what the transformer makes of it. `step(state, action)` takes an action `[A]` in the actuators' units, and
+    `state.obs` is `[O]`; `jax.vmap` makes many.
 
     Args:
       env: the simulator.

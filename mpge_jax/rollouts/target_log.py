@@ -18,17 +18,19 @@ from mpge_jax.rollouts.rollout import RolloutPolicies
 
 
 class TargetLog(flax.struct.PyTreeNode):
-    """Transitions `(s, a, s')` of K policies, rows beyond a policy's own count are padding.
+    """Transitions `(s, a, s')` of K policies, at most M of each; rows beyond a policy's own count are padding.
 
+    Units are the task's: SI for those that ship with the project, and its actuators' own for actions.
     `next_observation` of a row that ended an episode is the state truly reached, never the next episode's first.
+    Several logs at once have a leading axis `n` more.
 
     Attributes:
-      observation: s.
-      action: a, what the policy asked for.
-      next_observation: s'.
-      terminated: 1 where the task ended.
-      episode: number of the episode that a row belongs to, from 0 for every policy.
-      count: valid rows of each policy.
+      observation: s, `[K, M, O]`.
+      action: a, what the policy asked for, `[K, M, A]`.
+      next_observation: s', `[K, M, O]`.
+      terminated: 1 where the task ended, `[K, M]`.
+      episode: number of the episode that a row belongs to, from 0 for every policy, `[K, M]`.
+      count: valid rows of each policy, `[K]`.
     """
 
     observation: Float[Array, "*n K M O"]

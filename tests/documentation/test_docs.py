@@ -133,3 +133,15 @@ def test_help_names_its_command_and_every_default_once(name, monkeypatch, capsys
     assert said.startswith(f"usage: python -m experiments.{name} ")
     for odd in ("(default: )", ") (default:", "Attributes:", "Command line."):
         assert odd not in said
+
+
+def test_the_page_of_the_api_has_what_other_pages_tell_to_import():
+    listed = set(re.findall(r"^::: (\S+)$", (ROOT / "docs" / "api.md").read_text("utf-8"), re.MULTILINE))
+    text = "".join(page.read_text("utf-8") for page in PAGES if page.name != "api.md")
+    told = {f"envs.{name}" for name in re.findall(r"`envs\.(as_\w+)\(", text)}
+    told |= set(re.findall(r"`(mpge_jax\.recorded\.\w+\.\w+)`", text))
+    for names in re.findall(r"^from mpge_jax\.diagnosis import (.+)$", text, re.MULTILINE):
+        told |= {f"mpge_jax.diagnosis.{name.strip()}" for name in names.split(",")}
+    told |= {f"mpge_jax.diagnosis.{name}" for name in ("VOCABULARY", "REGISTRY", "load_readers")}
+    told |= {"mpge_jax.rollouts.policies.shipped", "mpge_jax.sharding.mesh", "envs.State"}
+    assert told <= listed, told - listed

@@ -21,7 +21,7 @@ from mpge_jax.diagnosis.residual.model import ResidualModel
 
 @dataclass(frozen=True)
 class Result:
-    """What is missing in a model, with everything that supports it.
+    """What is missing in a model, with everything that supports it; in SI units, angles in radians.
 
     Attributes:
         verdict: "effects", "ambiguous", "unexplained" or "none".
