@@ -23,7 +23,7 @@ from mpge_jax.diagnosis.simulation.single_step import Machine
 
 @dataclass(frozen=True)
 class CorrectedModel:
-    """A nominal model with effects, ready to be stepped; qpos [nq], qvel [nv] and ctrl [nu] as the model's, in SI units."""
+    """A nominal model with effects, ready to be stepped: qpos [nq], qvel [nv] and ctrl [nu] as the model has them."""
 
     machine: Machine
 
