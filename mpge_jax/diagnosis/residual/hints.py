@@ -21,8 +21,9 @@ FINER = {1: ((0,), (18,), (36,)), 2: ((0, 0), (18, 0), (0, 18))}
 
 def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) -> list[Residual]:
     """Forces of one input of the joint itself, and those of the other functions, of which there may be hundreds, that
-    explain most of the force which pieces lack, told from other pieces. Travels since a turn are much alike, whatever
-    the farthest one is: they are half of those at most.
+    explain most of the force which pieces lack, told from other pieces; of those with two inputs also what one of these
+    explains alone, as the other may add nothing. Travels since a turn are much alike, whatever the farthest one is:
+    they are half of those at most.
 
     Args:
         tried: pieces of several lengths. The length counts at which most is explained: short pieces are blurred by
@@ -41,7 +42,13 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
         if told[0][0] > best[0]:
             some = [others[k] for share, k in told if share > 0.0 and k not in alike]
             best = told[0][0], some[:HINTS]
-    return [_as_fine_as_seen(e, place, telling) for e in plain + best[1]]
+    alone = [e for e in others if e not in best[1] and any(_is_part(e, whole) for whole in best[1])]
+    return [_as_fine_as_seen(e, place, telling) for e in plain + best[1] + alone]
+
+
+def _is_part(one: Residual, whole: Residual) -> bool:
+    """Whether a function has one of the two inputs of another."""
+    return len(one.axes) < len(whole.axes) and one.dry == whole.dry and one.axes[0] in whole.axes
 
 
 def variants(effect: Residual) -> list[Residual]:

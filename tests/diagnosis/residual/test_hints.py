@@ -59,7 +59,15 @@ def test_functions_are_of_the_joint_of_another_one_or_of_both():
 def test_what_explains_most_is_hinted_at(force, want):
     every = functions(VALUES)
     found = [inputs(e) for e in hinted(every, HINGE, [pieces(force)])]
-    assert want in found[4:] and found[:4] == ["q", "v", "l", "f"] and len(found) <= 4 + HINTS
+    assert want in found[4:] and found[:4] == ["q", "v", "l", "f"] and len(found) <= 4 + 3 * HINTS
+
+
+def test_what_one_of_two_inputs_explains_alone_is_asked_too():
+    """Half of a drive's force acts here, and with each of four inputs a little more or less of it does."""
+    share = 0.5 + 0.05 * sum(VALUES[key] for key in ("q", "v", "l", "f"))
+    found = [inputs(e) for e in hinted(functions(VALUES), HINGE, [pieces(share * VALUES["f@elbow"], 0.01)])]
+    assert set(found[4 : 4 + HINTS]) == {f"{key} f@elbow" for key in ("q", "v", "l", "f")}
+    assert found[4 + HINTS :] == ["f@elbow"]
 
 
 @pytest.mark.parametrize("place", [-0.6, 0.1])
