@@ -106,18 +106,24 @@ def design(d: Result, groups: Mapping[Term, list[Fitted]], path: Path) -> dict[s
         [_inside_limits(d, q0, x.base) & _as_recorded(d, q0, x.base) for x in models]
     )
     lasting = np.flatnonzero(seen.sum(1) * _EVERY * dt >= SHORTEST)
-    distance = np.min([_refitted(a, b, seen)[0] for a, b in permutations(models, 2)], axis=0)
-    best: tuple[float, int] | None = None
-    for k in sorted(lasting, key=lambda i: -distance[i])[:_VERIFIED]:
-        least = min(_verified(d, a, b, w, seen, int(k)) for a, b in permutations(models, 2))
-        if best is None or least > best[0]:
-            best = (least, int(k))
-    if best is None or best[0] < SEPARATED:
+    pairs = list(permutations(models, 2))
+    apart = np.array([_refitted(a, b, seen)[0] for a, b in pairs])
+    best, most = SEPARATED, None
+    for k in sorted(lasting.tolist(), key=lambda i: -apart[:, i].min())[:_VERIFIED]:
+        least = np.inf
+        # those that are nearest first: one pair that is too near decides
+        for i in np.argsort(apart[:, k], kind="stable"):
+            least = min(least, _verified(d, *pairs[i], w, seen, k))
+            if least <= best:
+                break
+        else:
+            best, most = least, k
+    if most is None:
         return None
-    name, command = tried[best[1]]
-    rows = slice(_EVERY * int(seen[best[1]].sum()))
+    name, command = tried[most]
+    rows = slice(_EVERY * int(seen[most].sum()))
     files.write_npz(path, {"time": time[rows], "ctrl": command[rows], "qpos0": q0})
-    return {"separation": best[0], "kind": name, "path": path.name, "seconds": float(time[rows].size * dt)}
+    return {"separation": best, "kind": name, "path": path.name, "seconds": float(time[rows].size * dt)}
 
 
 class _Linear:
