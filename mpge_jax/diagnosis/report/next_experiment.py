@@ -113,7 +113,8 @@ def design(d: Result, groups: Mapping[Term, list[Fitted]], path: Path) -> dict[s
         least = np.inf
         # those that are nearest first: one pair that is too near decides
         for i in np.argsort(apart[:, k], kind="stable"):
-            least = min(least, _verified(d, *pairs[i], w, seen, k))
+            truth, other = pairs[i]
+            least = min(least, _verified(d, truth, other, w, seen, k))
             if least <= best:
                 break
         else:
