@@ -18,6 +18,8 @@ from envs.variants import VARIANTS, folded
 
 BACKENDS = ("auto", "c", "mjx", "warp")
 DYNAMICS = ("mujoco", "legacy")
+ALIKE = 0.65
+"""Likeness of two names (of `difflib`, 1 for equal ones) from which on one may be meant by the other."""
 
 _tasks: dict[str, Task] = {task.name: task for task in TASKS}
 _variants: dict[str, Variant] = {variant.name: variant for variant in VARIANTS}
@@ -157,9 +159,14 @@ def _has_warp() -> bool:
     return importlib.util.find_spec("warp") is not None
 
 
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The known name that is most like another one; None where none is like it."""
+    return next(iter(difflib.get_close_matches(name, list(known), n=1, cutoff=ALIKE)), None)
+
+
 def _check(name: str, known: Iterable[str], kind: str) -> None:
     known = list(known)
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.65)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
+        near = nearest(name, known)
+        hint = "" if near is None else f"; did you mean {near!r}?"
         raise ValueError(f"unknown {kind} {name!r}{hint} (known: {folded(known)})")

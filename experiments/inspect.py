@@ -81,8 +81,11 @@ def main(argv: list[str] | None = None) -> int:
         *args.log,
         *given,
     ]
-    when = ", once a map says what is missing" if unread else ""
-    when = ", once you agree with the units in the map" if units else when
+    when = ""
+    if units:
+        when = ", once you agree with the units in the map"
+    elif unread:
+        when = ", once a map says what is missing"
     print(f"to diagnose{when}: " + shlex.join([*map(str, command), "--out", "out"]))
     return int(bool(unread))
 

@@ -5,7 +5,6 @@ python -m experiments.sweep --task my_robot.py:MyRobot --target-log my_bag/ --me
 """
 
 import dataclasses
-import difflib
 import sys
 import time
 import zlib
@@ -22,6 +21,7 @@ from mpge_jax import own_envs as own_envs  # isort: split
 
 import envs
 from envs import own_tasks
+from envs.registry import nearest
 from envs.variants import HIDDEN, PAPER, folded
 from experiments import methods, report, runners
 from experiments.ending import exit_status
@@ -108,8 +108,8 @@ class CellJob:
 
 def _check(value: str, known: Sequence[str], option: str) -> str:
     if value not in known:
-        near = difflib.get_close_matches(value, known, n=1, cutoff=0.65)
-        hint = f"; did you mean {near[0]}?" if near else ""
+        near = nearest(value, known)
+        hint = "" if near is None else f"; did you mean {near}?"
         raise ValueError(f"--{option} {value} is not known{hint} (allowed: {folded(known)})")
     return value
 

@@ -88,7 +88,8 @@ def _of_effects(d: Result) -> Iterator[tuple[float, str]]:
 
 
 def _option(d: Result, f: Fitted, terms: list[Term]) -> str:
-    """'the encoder of the wrist reports 0.030 s late', or 'actuator gain of 1.2 at left and 1.2 at right together'."""
+    """'the encoder of the wrist reports 0.030 s late', a clause for each of different effects; or 'actuator gain of
+    1.2 at left and 1.2 at right together'."""
     if len({t.name for t in terms}) == len(terms):
         return _listed([clause(_said(d, f, t)) for t in terms])
     each = [
