@@ -40,6 +40,7 @@ BY_TYRO = {
     "results.grounded_returns": grounded_returns.Args, "second_author": second_author.Command,
 }  # fmt: skip
 BY_ARGPARSE = {"diagnose": diagnose, "inspect": inspect}
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
 STANDS_FOR = {"TASK": "Hopper", "KIND": "MS", "N": "4", "R": "ray"}
 
 
@@ -86,6 +87,15 @@ def test_links_targets_extras_and_scripts_exist(page):
     for extra in re.findall(r"pip install -e ['\"]\.\[(\w+)\]", text):
         assert extra in PROJECT["optional-dependencies"]
     assert set(re.findall(r"`(mpge-\w+)`", text)) <= set(PROJECT["scripts"])
+
+
+def test_numbers_on_the_order_of_the_methods_stand_in_the_results():
+    """A cell that is run again changes the table, which is generated, and this page, which is not."""
+    told, table = ((ROOT / "docs" / name).read_text("utf-8") for name in ("ordering.md", "results-standard.md"))
+    known = set(NUMBER.findall(table.replace(",", "")))
+    numbers = [n.replace(",", "") for n in re.findall(r"\d{1,3}(?:,\d{3})+|\d+\.\d+|\d{3,}", told)]
+    assert len(numbers) > 40
+    assert not set(numbers) - known
 
 
 def test_every_page_is_reached_from_the_navigation():
