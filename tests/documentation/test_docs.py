@@ -91,7 +91,9 @@ def test_links_targets_extras_and_scripts_exist(page):
 
 def test_numbers_on_the_order_of_the_methods_stand_in_the_results():
     """A cell that is run again changes the table, which is generated, and this page, which is not."""
-    told, table = ((ROOT / "docs" / name).read_text("utf-8") for name in ("ordering.md", "results-standard.md"))
+    told, table = (
+        (ROOT / "docs" / name).read_text("utf-8") for name in ("ordering.md", "results-standard.md")
+    )
     known = set(NUMBER.findall(table.replace(",", "")))
     numbers = [n.replace(",", "") for n in re.findall(r"\d{1,3}(?:,\d{3})+|\d+\.\d+|\d{3,}", told)]
     assert len(numbers) > 40

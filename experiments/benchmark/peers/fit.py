@@ -219,14 +219,13 @@ def _whitened(given: Problem) -> Callable[..., Any]:
     nv = w.v0.shape[1]
     rows = np.round(w.times / w.dt).astype(int)
     weight = 1.0 / np.sqrt(white.count * white.expected * w.count)
-    scale = white.scale[..., :nv] if white.scale.ndim == 1 else white.scale
 
     def hook(params: Any, predicted: Any, measured: Any, model: Any, all_: bool, state: np.ndarray) -> Any:
         del params, model, all_
         k = int(measured.data[0, 0])
         # A rollout's first row is the state after its first step.
         q = np.vstack([w.q0[k], state[:, 1 : 1 + nv]])[rows[k]]
-        r = (w.qpos[k] - q) / scale
+        r = (w.qpos[k] - q) / white.scale[k, :, :nv]
         r = np.hstack([np.where(np.isfinite(r), r, 0.0) * w.seen[k][:, None], np.zeros_like(r)]).reshape(-1)
         r = r + white.offset[k]
         r = r - white.basis[k] @ (white.shrink[k] * (white.basis[k].T @ r))

@@ -15,7 +15,7 @@ from mpge_jax.diagnosis.drives.drive_remainder import unexplained_drive
 from mpge_jax.diagnosis.drives.law_fit import DELAY
 from mpge_jax.diagnosis.drives.law_search import search_law
 from mpge_jax.diagnosis.effects.context import Context, Place
-from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.intervals import number, parameters
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import timing_error
@@ -242,9 +242,7 @@ def by_command(p: Prepared, plain: mujoco.MjModel, found: ActuatorSide) -> tuple
     model = compile_variable(drive_by_force(p.spec, np.zeros_like(p.measured)))
     sim = Simulator(model, found.ctx, threads=p.config.jobs)
     parts = {t: x for f in found.fits for t, x in f.hypothesis.split(found.ctx, f.theta).items()}
-    hypothesis = Hypothesis.of(*parts)
-    theta = hypothesis.gather(sim.ctx, parts)
     driven = replace(
         p.mapped(by_its_commands), model=sim.model, ctx=sim.ctx, sim=sim, measured=np.zeros_like(p.measured)
     )
-    return driven, Fitted(hypothesis, theta, theta)
+    return driven, Fitted.start(sim.ctx, parts)

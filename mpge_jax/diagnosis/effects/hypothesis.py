@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,7 +85,7 @@ class Hypothesis:
     def without(self, term: Term) -> Hypothesis:
         return Hypothesis.of(*(t for t in self.terms if t != term))
 
-    def gather(self, ctx: Context, parts: dict[Term, Array]) -> Array:
+    def gather(self, ctx: Context, parts: Mapping[Term, Array]) -> Array:
         """Flat parameters from each term's own."""
         rows = [np.asarray(parts[t], dtype=float).reshape(-1) for t in self.terms]
         return np.concatenate(rows) if rows else np.zeros(0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,6 +34,13 @@ class Fitted:
     information: Array = field(default_factory=nothing)
     cov: Array = field(default_factory=nothing)
     x: Array = field(default_factory=lambda: np.zeros(0))
+
+    @staticmethod
+    def start(ctx: Context, parts: Mapping[Term, Array]) -> Fitted:
+        """The effects of `parts`, each with its parameters there, to begin a fit with."""
+        h = Hypothesis.of(*parts)
+        theta = h.gather(ctx, parts)
+        return Fitted(h, theta, theta)
 
     def of_terms(self, ctx: Context, h: Hypothesis) -> Fitted:
         """Some of its effects with the same parameters, not fitted again."""

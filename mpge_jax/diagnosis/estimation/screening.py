@@ -216,10 +216,9 @@ def _starting_points(
     parts = base.hypothesis.split(ctx, base.theta)
     problems: list[tuple[Term, Problem]] = []
     for term in terms:
-        hypothesis = base.hypothesis.with_term(term)
-        for start in starts_beside(ctx, term, known):
-            theta = hypothesis.gather(ctx, {**parts, term: start})
-            problems.append((term, Problem(Fitted(hypothesis, theta, theta.copy()), hypothesis.params(ctx))))
+        for own in starts_beside(ctx, term, known):
+            start = Fitted.start(ctx, {**parts, term: own})
+            problems.append((term, Problem(start, start.hypothesis.params(ctx))))
     _simulate([p for _, p in problems], near, white)
     first = [p.fit.theta for _, p in problems]
     for times in range(1, (NEARER_TIMES if ctx.contacts else 1) + 1):

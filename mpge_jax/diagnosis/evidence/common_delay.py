@@ -36,9 +36,8 @@ def by_a_common_delay(
     come.sort(key=lambda t: _joint(ctx, t) != _joint(ctx, term))
     parts = f.hypothesis.split(ctx, f.theta)
     delay = np.array([np.mean([parts[t][0] for t in gone])])
-    hypothesis = Hypothesis.of(*without.terms, *come)
-    theta = hypothesis.gather(ctx, parts | dict.fromkeys(come, delay))
-    return Fitted(hypothesis, theta, theta), tuple(come)
+    others = {t: parts[t] for t in without.terms}
+    return Fitted.start(ctx, others | dict.fromkeys(come, delay)), tuple(come)
 
 
 def _joint(ctx: Context, t: Term) -> int:

@@ -34,9 +34,7 @@ def carried_over(ctx: Context, f: Fitted, term: Term, other: Term) -> Fitted | N
     mujoco.mj_kinematics(m, data)
     turn, shift = _frame_change(data, term.place.index, other.place.index)
     parts[other] = np.array([mass, *turn @ np.array(position) + shift])
-    hypothesis = Hypothesis.of(*parts)
-    theta = hypothesis.gather(ctx, parts)
-    return Fitted(hypothesis, theta, theta)
+    return Fitted.start(ctx, parts)
 
 
 def one_of_each(ctx: Context, fits: list[Fitted]) -> list[Fitted]:

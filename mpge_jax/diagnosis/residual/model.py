@@ -85,8 +85,5 @@ def with_functions(ctx: Context, f: Fitted, functions: Sequence[Function]) -> Fi
 
 def with_function(ctx: Context, f: Fitted, term: Term, theta: Array | None = None) -> Fitted:
     """`f` with a function of given values (0)."""
-    h = f.hypothesis.with_term(term)
-    parts = f.hypothesis.split(ctx, f.theta)
-    parts[term] = np.zeros(len(term.params(ctx))) if theta is None else theta
-    flat = h.gather(ctx, parts)
-    return Fitted(h, flat, flat)
+    own = np.zeros(len(term.params(ctx))) if theta is None else theta
+    return Fitted.start(ctx, f.hypothesis.split(ctx, f.theta) | {term: own})

@@ -138,8 +138,7 @@ def _with_all(s: Search, current: Fitted, keep: bool) -> Fitted | None:
             parts[term] = np.asarray(term.effect.starts(ctx, term.place))[0]
     if len(hypothesis.terms) == known:
         return None
-    theta = hypothesis.gather(ctx, parts)
-    return Fitted(hypothesis, theta, theta.copy())
+    return Fitted.start(ctx, {t: parts[t] for t in hypothesis.terms})
 
 
 def _with_all_laws(s: Search, current: Fitted) -> Fitted | None:
@@ -154,8 +153,7 @@ def _with_all_laws(s: Search, current: Fitted) -> Fitted | None:
         return None
     ctx = s.sim.ctx
     parts = {t: t.effect.null(ctx, t.place) for t in hypothesis.terms}
-    theta = hypothesis.gather(ctx, parts | current.hypothesis.split(ctx, current.theta))
-    return Fitted(hypothesis, theta, theta.copy())
+    return Fitted.start(ctx, parts | current.hypothesis.split(ctx, current.theta))
 
 
 def _with_load(s: Search, f: Fitted, white: Whitener) -> Fitted:
@@ -186,12 +184,11 @@ def _with_every_drive(s: Search, current: Fitted, effects: tuple[str, ...]) -> F
         ]
         if len(drives) < 2:
             return None
-        parts, hypothesis = dict(hypothesis.split(ctx, best.theta)), Hypothesis.of(*hypothesis.terms, *drives)
+        parts = dict(hypothesis.split(ctx, best.theta))
         starts, fits = {t: np.asarray(t.effect.starts(ctx, t.place)) for t in drives}, []
         for k in range(max(map(len, starts.values()))):
             parts |= {t: x[min(k, len(x) - 1)] for t, x in starts.items()}
-            theta = hypothesis.gather(ctx, parts)
-            fits.append(Fitted(hypothesis, theta, theta.copy()))
+            fits.append(Fitted.start(ctx, parts))
         best = min(evaluate(s.sim, fits, s.train, white), key=lambda f: f.loss)
     return best
 

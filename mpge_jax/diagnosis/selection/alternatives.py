@@ -71,6 +71,7 @@ def find_rivals(
     slopes = slopes_of(s.sim, best.fit, s.train, whites[0])
     fitted = {k.fit.hypothesis: k.fit for k in known if len(hypothesis.terms) == 1}
     out: dict[Term, list[Rival]] = {}
+    at_once: dict[Hypothesis, Scored] = {}
     for term in hypothesis.named:
         if term in weighed:
             out[term] = weighed[term]
@@ -82,7 +83,7 @@ def find_rivals(
             other = next((t for t in r.fit.hypothesis.terms if t not in without.terms), None)
             if other is not None:
                 rivals.append(_compare(s, best, term, r, other))
-        rivals += _all_at_once(s, best, whites, term)
+        rivals += _all_at_once(s, best, whites, term, at_once)
         out[term] = _one_each(sorted(rivals, key=lambda r: r.margin))
     return out
 
@@ -103,8 +104,8 @@ def _instead(
     """
     ctx, hypothesis = s.sim.ctx, best.fit.hypothesis
     without, many = hypothesis.without(term), s.brief(hypothesis)
-    theta = best.fit.of_terms(ctx, without).theta
-    base = Fitted(without, theta, theta)
+    chosen = hypothesis.split(ctx, best.fit.theta)
+    base = Fitted.start(ctx, {t: chosen[t] for t in without.terms})
     sample = s.sample(base, white)
     # Screened anew: the search drops what looks like a better one of its group, as a rival does.
     candidates = [t for t in s.terms if t.effect.named and not _same(t, term) and compatible(without, t)]
@@ -150,8 +151,7 @@ def _beside_the_same(
     starts = []
     for f in fits:
         parts = f.hypothesis.split(ctx, f.theta)
-        theta = f.hypothesis.gather(ctx, {t: known.get(t, own) for t, own in parts.items()})
-        starts.append(Fitted(f.hypothesis, theta, theta))
+        starts.append(Fitted.start(ctx, {t: known.get(t, own) for t, own in parts.items()}))
     alone = fit(s.sim, starts, *sample, iterations=ALONE, anew=False, still=known)
     return [f if _worse(x, f) else x for f, x in zip(fits, alone, strict=True)]
 
@@ -186,20 +186,30 @@ def unaffected(
     }
 
 
-def _all_at_once(s: Search, best: Scored, whites: tuple[Whitener, Whitener], term: Term) -> list[Rival]:
+def _all_at_once(
+    s: Search, best: Scored, whites: tuple[Whitener, Whitener], term: Term, known: dict[Hypothesis, Scored]
+) -> list[Rival]:
     """What ties with a term only together with others: all drives weaker with all masses times a factor, where nothing
     given resists, than which all masses are simpler; all commands late with all encoders late; dry friction and a
-    constant force of the drive with friction that differs by direction."""
+    constant force of the drive with friction that differs by direction.
+
+    Args:
+        known: what was fitted for an earlier term; what is fitted now is added.
+    """
     out = []
     for in_its_place in (by_a_common_factor, by_a_common_delay, by_direction):
         other_way = in_its_place(s.sim.ctx, s.terms, best.fit, term)
         if other_way is None:
             continue
         start, (other, *beside) = other_way
-        # what is known of a start means another thing where encoders are late
-        its = s.whiten_one(start, s.train, whites[0].factor), s.whiten_one(start, s.held, whites[1].factor)
-        scored = s.score(fit(s.sim, [start], s.train, its[0], iterations=6), its)[0]
-        rival = _compare(s, best, term, scored, other, *beside, alike=True)
+        if start.hypothesis not in known:
+            # what is known of a start means another thing where encoders are late
+            its = (
+                s.whiten_one(start, s.train, whites[0].factor),
+                s.whiten_one(start, s.held, whites[1].factor),
+            )
+            (known[start.hypothesis],) = s.score(fit(s.sim, [start], s.train, its[0], iterations=6), its)
+        rival = _compare(s, best, term, known[start.hypothesis], other, *beside, alike=True)
         simpler = in_its_place is by_a_common_factor and len(start.hypothesis.terms) < len(
             best.fit.hypothesis.terms
         )

@@ -217,9 +217,7 @@ def _of_plain(ctx: Context, term: Term, theta: np.ndarray) -> np.ndarray:
 
 def _exchanged(ctx: Context, f: Fitted, others: dict[Term, tuple[Term, np.ndarray]]) -> Fitted:
     parts = {t: x for t, x in f.hypothesis.split(ctx, f.theta).items() if t not in others}
-    h = Hypothesis.of(*parts, *(form for form, _ in others.values()))
-    theta = h.gather(ctx, parts | dict(others.values()))
-    return Fitted(h, theta, theta.copy())
+    return Fitted.start(ctx, parts | dict(others.values()))
 
 
 def _differs(ctx: Context, f: Fitted, term: Term) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place
-from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
+from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.intervals import number
 from mpge_jax.diagnosis.evidence.joints_of_place import acted_on
@@ -95,17 +95,11 @@ def _rivals(found: ForceDecision, fit: Fitted, term: Term) -> list[Rival]:
         tied = not beyond_doubt(ratio) and not richer
         parts = s.parts(r.chosen)
         parts = {t: x for t, x in parts.items() if t == other.term or (t.plain, t.place) in reported}
-        f = fitted(s.bank, parts) if tied else _as_linear(found.balance, parts)
+        f = fitted(s.bank, parts) if tied else Fitted.start(found.balance.ctx, parts)
         if tied and other.term not in f.hypothesis.terms:
             tied = False
         out.append(Rival(other.term, f, ratio, _why_not(ratio, richer, tied), tied))
     return out
-
-
-def _as_linear(b: Balance, parts: dict[Term, Array]) -> Fitted:
-    h = Hypothesis.of(*parts)
-    theta = h.gather(b.ctx, parts)
-    return Fitted(h, theta, theta)
 
 
 def _why_not(ratio: float, richer: bool, tied: bool) -> str:

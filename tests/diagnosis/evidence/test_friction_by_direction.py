@@ -39,7 +39,7 @@ def rivals_of(s: Search, parts: dict[Term, list[float]]) -> dict[str, list[Rival
     found = fit(s.sim, [start], s.train, s.whiten_one(start, s.train), iterations=6)[0]
     whites = s.whiten(found)
     (best,) = s.score([found], whites)
-    return {t.id: _all_at_once(s, best, whites, t) for t in found.hypothesis.named}
+    return {t.id: _all_at_once(s, best, whites, t, {}) for t in found.hypothesis.named}
 
 
 def told(s: Search, rival: Rival) -> dict[str, list[float]]:

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
-from mpge_jax.diagnosis.evidence.scored import Rival
+from mpge_jax.diagnosis.evidence.scored import Rival, Scored
 from mpge_jax.diagnosis.selection.alternatives import _all_at_once
 from mpge_jax.diagnosis.selection.search_state import Search
 from tests.diagnosis.machines import ARM, record
@@ -36,7 +36,11 @@ def rivals_of(s: Search, parts: dict[Term, float]) -> dict[Term, list[Rival]]:
     found = fit(s.sim, [start], s.train, s.whiten_one(start, s.train), iterations=4)[0]
     whites = s.whiten(found)
     (best,) = s.score([found], whites)
-    return {t: _all_at_once(s, best, whites, t) for t in found.hypothesis.named}
+    known: dict[Hypothesis, Scored] = {}
+    rivals = {t: _all_at_once(s, best, whites, t, known) for t in found.hypothesis.named}
+    # what ties with both is fitted once
+    assert len({id(r.fit) for each in rivals.values() for r in each}) == len(known) <= 1
+    return rivals
 
 
 @pytest.mark.parametrize(("all_of_them", "others"), [(SENSORS, DRIVES), (DRIVES, SENSORS)])

@@ -52,10 +52,10 @@ def test_they_are_told_apart_by_what_the_given_model_resists_with(damping):
     friction = [terms["coulomb_friction@shoulder"], terms["coulomb_friction@elbow"]]
     mass = terms["mass_scale@world"]
     best, whites = _settled(s, {mass: FACTOR, **dict(zip(friction, FRICTION, strict=True))})
-    (rival,) = _all_at_once(s, best, whites, mass)
+    (rival,) = _all_at_once(s, best, whites, mass, {})
     assert rival.tied == (damping == 0.0) and not rival.better
     assert rival.at == "shoulder_motor, elbow_motor"
-    assert _all_at_once(s, best, whites, friction[0]) == []
+    assert _all_at_once(s, best, whites, friction[0], {}) == []
     if rival.tied:
         its = {str(t): float(x[0]) for t, x in rival.fit.hypothesis.split(s.sim.ctx, rival.fit.theta).items()}
         assert its["actuator_gain@shoulder_motor"] == pytest.approx(1 / FACTOR, rel=0.03)
@@ -68,11 +68,11 @@ def test_one_factor_takes_the_place_of_the_gains_of_all_drives():
     gains = [terms["actuator_gain@shoulder_motor"], terms["actuator_gain@elbow_motor"]]
     weaker = dict.fromkeys(gains, 1 / FACTOR) | dict(zip(friction, FRICTION / FACTOR, strict=True))
     best, whites = _settled(s, weaker)
-    (rival,) = [r for t in best.fit.hypothesis.named for r in _all_at_once(s, best, whites, t)]
+    (rival,) = [r for t in best.fit.hypothesis.named for r in _all_at_once(s, best, whites, t, {})]
     its = {str(t): float(x[0]) for t, x in rival.fit.hypothesis.split(s.sim.ctx, rival.fit.theta).items()}
     assert rival.better and set(its) == {"mass_scale@world", *map(str, friction)}
     assert its["mass_scale@world"] == pytest.approx(FACTOR, rel=0.03)
     assert its["coulomb_friction@elbow"] == pytest.approx(FRICTION[1], rel=0.05)
     # of one drive alone it is not so
     one, its_whites = _settled(s, {gains[0]: 1 / FACTOR})
-    assert _all_at_once(s, one, its_whites, gains[0]) == []
+    assert _all_at_once(s, one, its_whites, gains[0], {}) == []

@@ -2,13 +2,17 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
 from experiments.benchmark.peers import __main__ as peers
 from experiments.benchmark.peers import error_time, fit, growth, in_turn, page, rows, sac_updates
 from experiments.benchmark.peers.in_turn import OURS
+from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
+from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.learning.sac import SACConfig
 from tests.experiments.tiny import TINY
 
@@ -115,6 +119,26 @@ def test_what_cannot_be_measured_is_refused(monkeypatch, capsys, tmp_path):
         capsys.readouterr().err
         == "peers: --row gym is not known (allowed: steps, sac, grounding, error, growth, fit)\n"
     )
+
+
+def test_residuals_that_sysid_is_given_are_the_whitened_ones(tmp_path):
+    given = fit.problem(tmp_path, 1, 2)
+    w, sim, nothing = given.search.train, given.search.sim, Run(Hypothesis(), np.zeros(0))
+    ours = given.white.excess(given.white(sim.residuals([nothing], w)[0]))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    model.opt.timestep = w.dt
+    data, hook, theirs = mujoco.MjData(model), fit._whitened(given), []
+    for k in range(w.count):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:] = w.q0[k], w.v0[k]
+        state = np.zeros((w.steps, 1 + model.nq + model.nv))
+        for row, command in enumerate(w.command[k, w.history :]):
+            data.ctrl[:] = command
+            mujoco.mj_step(model, data)
+            state[row] = data.time, *data.qpos, *data.qvel
+        measured = SimpleNamespace(data=np.full((1, 1), float(k)))
+        theirs.append((hook(None, None, measured, None, True, state)[0] ** 2).sum())
+    np.testing.assert_allclose(theirs, ours / w.count, rtol=1e-6)
 
 
 @pytest.mark.slow
