@@ -12,6 +12,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context
 from mpge_jax.diagnosis.effects.hypothesis import Term
+from mpge_jax.diagnosis.evidence.joints_of_place import acted_on
 from mpge_jax.diagnosis.machine.model import is_joint_transmission, scalar_joints
 
 PARALLEL = 1e-6
@@ -45,9 +46,8 @@ def _planar(ctx: Context, _tilt: Term, offset: Term) -> bool:
         return False
     carried = [j for j in joints if m.body_rootid[m.jnt_bodyid[j]] == m.body_rootid[m.jnt_bodyid[root]]]
     first = m.jnt_bodyid[root] == m.body_rootid[m.jnt_bodyid[root]]
-    data = mujoco.MjData(m)
-    mujoco.mj_forward(m, data)
-    across = np.linalg.norm(np.cross(data.xaxis[joints], data.xaxis[root]), axis=1)
+    axes = _axes(m)
+    across = np.linalg.norm(np.cross(axes[joints], axes[root]), axis=1)
     sprung = m.jnt_stiffness[root] > 0 or m.jnt_limited[root]
     return bool(first and not sprung and len(carried) == len(joints) and (across < PARALLEL).all())
 
@@ -59,12 +59,70 @@ def _its_motor(ctx: Context, damping: Term, emf: Term) -> bool:
     return not limited and int(m.actuator_trnid[emf.place.index, 0]) == damping.place.index
 
 
+def _along_its_slide(ctx: Context, bias: Term, force: Term) -> bool:
+    """A force that keeps its direction pushes along a slide as its drive does, where slides alone carry it, the others
+    across that one."""
+    slide = _slide_of(ctx, bias)
+    return slide is not None and _pushed_alone(ctx, slide, acted_on(ctx.model, force.place))
+
+
+def _level(ctx: Context, tilt: Term, bias: Term) -> bool:
+    """Gravity that leans along a slide pushes all that it carries, and moves nothing else: all joints are slides, the
+    others across that one, which is level."""
+    slide = _slide_of(ctx, bias)
+    if slide is None or not _pushed_alone(ctx, slide, acted_on(ctx.model, tilt.place)):
+        return False
+    down = ctx.model.opt.gravity / np.linalg.norm(ctx.model.opt.gravity)
+    return bool(abs(_axes(ctx.model)[slide] @ down) < PARALLEL)
+
+
+def _slides_alone(ctx: Context, tilt: Term, force: Term) -> bool:
+    """All joints are slides, those that are not upright across each other: gravity that leans pushes each of these by a
+    constant of its own, and so does a force those that carry it."""
+    m = ctx.model
+    if (m.jnt_type != mujoco.mjtJoint.mjJNT_SLIDE).any():
+        return False
+    down = m.opt.gravity / np.linalg.norm(m.opt.gravity)
+    level = np.flatnonzero(np.linalg.norm(np.cross(_axes(m), down), axis=1) > PARALLEL)
+    axes = _axes(m)[level]
+    across = np.abs(axes @ axes.T - np.eye(len(level))).max(initial=0.0) < PARALLEL
+    return bool(across and set(level) & set(acted_on(m, force.place)))
+
+
+def _slide_of(ctx: Context, drive: Term) -> int | None:
+    """The slide that an actuator drives, whose force nothing limits."""
+    m, a = ctx.model, drive.place.index
+    slide = is_joint_transmission(m, a) and m.jnt_type[m.actuator_trnid[a, 0]] == mujoco.mjtJoint.mjJNT_SLIDE
+    return int(m.actuator_trnid[a, 0]) if slide and not m.actuator_forcelimited[a] else None
+
+
+def _pushed_alone(ctx: Context, slide: int, joints: list[int]) -> bool:
+    """Whether `slide` is one of some joints, all slides, and what pushes along it moves none of the others."""
+    m, others = ctx.model, [j for j in joints if j != slide]
+    axes = _axes(m)
+    return (
+        slide in joints
+        and bool((m.jnt_type[joints] == mujoco.mjtJoint.mjJNT_SLIDE).all())
+        and bool((np.abs(axes[others] @ axes[slide]) < PARALLEL).all())
+    )
+
+
+def _axes(m: mujoco.MjModel) -> np.ndarray:
+    """Axes [njnt, 3] of the joints in the world's frame, in the model's usual pose."""
+    data = mujoco.MjData(m)
+    mujoco.mj_forward(m, data)
+    return np.array(data.xaxis)
+
+
 TABLE: dict[tuple[str, str], Same] = {
     ("actuator_delay", "sensor_delay"): _one_joint_driven_by_one,
     ("gravity_tilt", "encoder_offset"): _planar,
     ("viscous_damping", "back_emf"): _its_motor,
     ("payload_mass", "actuator_gain"): _one_scale,
     ("mass_scale", "actuator_gain"): _one_scale,
+    ("actuator_bias", "external_force"): _along_its_slide,
+    ("gravity_tilt", "actuator_bias"): _level,
+    ("gravity_tilt", "external_force"): _slides_alone,
 }
 """Pairs of effects, and where they are the same. Forces that were measured tell actuators' effects from others: where
 they were, actuators' effects are no candidates beside these."""

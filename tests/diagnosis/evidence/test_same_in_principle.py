@@ -20,7 +20,15 @@ DOUBLE = ARM.replace(
     '<position name="elbow_servo" joint="elbow" kp="8" kv="0.4"/>',
     '<motor name="elbow_motor" joint="elbow"/>',
 )
-RATIO, DELAY, TILT, COEFFICIENT = 0.3, 0.02, 0.1, 0.05
+TABLE_XY = """<mujoco><option timestep="0.002"/><worldbody><body name="bridge"><joint name="x" type="slide" axis="1 0 0"
+damping="2"/><geom size="0.1" mass="2"/><body name="head"><joint name="y" type="slide" axis="0 1 0" damping="1"/>
+<geom size="0.05" mass="0.5"/></body></body></worldbody><actuator><motor name="x_drive" joint="x" gear="3"/>
+<motor name="y_drive" joint="y"/></actuator></mujoco>"""
+WITH_A_PENDULUM = TABLE_XY.replace(
+    '<geom size="0.05" mass="0.5"/>',
+    '<geom size="0.05" mass="0.5"/><body><joint name="swing" axis="0 1 0"/><geom pos="0 0 -.2" size="0.05"/></body>',
+)
+RATIO, DELAY, TILT, COEFFICIENT, PUSH = 0.3, 0.02, 0.1, 0.05, 1.5
 
 
 def terms_of(xml: str) -> dict[str, Term]:
@@ -40,12 +48,22 @@ def percussion() -> list[float]:
     return [RATIO * weight / length, 0.0, 0.0, -length]
 
 
+def turns(angle: float) -> list[list[float]]:
+    """The two components across gravity of turns of the base about level axes, of which one is meant."""
+    return [[angle, 0.0], [-angle, 0.0], [0.0, angle], [0.0, -angle]]
+
+
+LEANING = float(np.arcsin(PUSH / (2.5 * 9.81)))
+"""Turn of the base by which the weight of the xy-table's bridge and head pushes along x."""
 CASES = {
     ("actuator_delay", "sensor_delay"): (PENDULUM, [DELAY], [DELAY], 0.1),
-    ("gravity_tilt", "encoder_offset"): (DOUBLE, None, [TILT], 1e-6),
+    ("gravity_tilt", "encoder_offset"): (DOUBLE, turns(TILT), [TILT], 1e-6),
     ("viscous_damping", "back_emf"): (PENDULUM, [COEFFICIENT], [COEFFICIENT], 1e-6),
     ("payload_mass", "actuator_gain"): (BARE, percussion(), [1 / (1 + RATIO)], 1e-6),
     ("mass_scale", "actuator_gain"): (BARE, [1 + RATIO], [1 / (1 + RATIO)], 1e-6),
+    ("actuator_bias", "external_force"): (TABLE_XY, [PUSH / 3], [PUSH, 0.0, 0.0], 1e-6),
+    ("gravity_tilt", "actuator_bias"): (TABLE_XY, turns(LEANING), [PUSH / 3], 1e-6),
+    ("gravity_tilt", "external_force"): (TABLE_XY, turns(LEANING), [PUSH, 0.0, 0.0], 1e-6),
 }
 
 
@@ -60,9 +78,6 @@ def test_effects_that_are_the_same_move_the_machine_alike(pair):
     a, b = (known[name] for name in pair)
     p = prepared_of(xml, record(xml, 0.5, noise=1e-7))
     assert same(p.ctx, a, b) and same(p.ctx, b, a)
-    if one is None:
-        # the two components across gravity of a turn about the hinge
-        one = [x for x in ([TILT, 0.0], [-TILT, 0.0], [0.0, TILT], [0.0, -TILT])]
     w = p.windows("train", 0.5, 4)
     runs = [Run(Hypothesis(), np.zeros(0)), Run(Hypothesis.of(b), np.array(other))]
     runs += [Run(Hypothesis.of(a), np.array(x)) for x in (one if isinstance(one[0], list) else [one])]
@@ -84,6 +99,11 @@ def test_effects_that_are_the_same_move_the_machine_alike(pair):
         (("payload_mass", "actuator_gain"), DOUBLE),
         (("mass_scale", "actuator_gain"), DOUBLE),
         (("viscous_damping", "coulomb_friction"), PENDULUM),
+        # a motor's constant torque turns with its joint, a force does not
+        (("actuator_bias", "external_force"), PENDULUM),
+        # what hangs from it swings out
+        (("gravity_tilt", "actuator_bias"), WITH_A_PENDULUM),
+        (("gravity_tilt", "external_force"), WITH_A_PENDULUM),
     ],
 )
 def test_elsewhere_the_data_decide(pair, xml):
@@ -99,3 +119,15 @@ def test_damping_is_not_the_back_emf_of_another_joints_motor():
     emf = places["back_emf", "elbow_motor"]
     assert same(ctx, places["viscous_damping", "elbow"], emf)
     assert not same(ctx, places["viscous_damping", "shoulder"], emf)
+
+
+def test_a_force_on_what_slides_askew_is_not_the_bias_of_one_drive():
+    askew = TABLE_XY.replace('axis="0 1 0" damping', 'axis="1 1 0" damping')
+    for xml, alike in ((TABLE_XY, True), (askew, False)):
+        ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(xml)))
+        places = {(t.id, t.place.name): t for t in all_terms(ctx, ("actuator_bias", "external_force"))}
+        bias = places["actuator_bias", "x_drive"]
+        assert same(ctx, bias, places["external_force", "head"]) == alike
+        assert same(ctx, bias, places["external_force", "bridge"])
+        assert same(ctx, bias, places["external_force", "world"]) == alike
+        assert not same(ctx, places["actuator_bias", "y_drive"], places["external_force", "bridge"])
