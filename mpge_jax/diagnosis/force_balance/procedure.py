@@ -21,6 +21,7 @@ from mpge_jax.diagnosis.force_balance.force_search import Chosen, ForceSearch, F
 from mpge_jax.diagnosis.force_balance.needed_force import can_ask
 from mpge_jax.diagnosis.force_balance.polish import polished
 from mpge_jax.diagnosis.force_balance.resolution import choose
+from mpge_jax.diagnosis.force_balance.tracks import Resolution
 
 Array = np.ndarray
 PLAIN = ("coulomb_friction", "viscous_damping", "armature", "actuator_bias")
@@ -30,7 +31,7 @@ ROWS = 3000
 MOST = 40
 """Most effects."""
 TURNS = 3
-"""Most turns of search and fit."""
+"""Most turns of search and fit, and of these and how finely motion and force are known."""
 SOMETHING = 3.0
 """Standard deviations from nothing below which a parameter says nothing."""
 
@@ -49,22 +50,45 @@ class ForceDecision:
     search: ForceSearch
     found: Found
 
+    @property
+    def parts(self) -> dict[Term, Array]:
+        """Parameters of the effects."""
+        return self.fit.hypothesis.split(self.balance.ctx, self.fit.theta)
+
 
 def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
     """Effects whose forces the recordings need, all but the test ones: parts choose what was fitted to the others.
 
+    How finely motion and force are known is chosen beside plain effects, and again beside those that were found: what
+    is missing hides half a row's delay. The search is then made anew, until nothing else is chosen.
+    """
+    terms = [t for t in all_terms(p.ctx, p.config.effects) if can_ask(t)]
+    plain = [t for t in terms if t.id in PLAIN]
+    if p.config.masses_within:
+        terms.append(given_inertias(p.config.masses_within))
+    resolution = choose(p, plain, {})
+    for _ in range(TURNS):
+        found = _at_resolution(p, terms, resolution, say)
+        before, resolution = resolution, choose(p, plain, found.parts)
+        if resolution == before:
+            break
+    lag = found.balance.resolution.lag
+    if lag:
+        p.warnings.append(
+            f"measured forces come late, as through a filter of first order with a time constant of "
+            f"{1e3 * lag:g} ms; the forces that they are compared with are delayed alike."
+        )
+    return found
+
+
+def _at_resolution(
+    p: Prepared, terms: list[Term], resolution: Resolution, say: Callable[[str], None]
+) -> ForceDecision:
+    """The effects, where motion and force are known as finely as that.
+
     The search takes every effect as linear near a few starting values; the fit then moves them to where they belong,
     and the search goes on from there, until it stays with what it has.
     """
-    terms = [t for t in all_terms(p.ctx, p.config.effects) if can_ask(t)]
-    if p.config.masses_within:
-        terms.append(given_inertias(p.config.masses_within))
-    resolution = choose(p, [t for t in terms if t.id in PLAIN])
-    if resolution.lag:
-        p.warnings.append(
-            f"measured forces come late, as through a filter of first order with a time constant of "
-            f"{1e3 * resolution.lag:g} ms; the forces that they are compared with are delayed alike."
-        )
     b = Balance.recorded(p, p.looked_at, ROWS, resolution)
     say(f"{len(b.measured)} rows of measured force; {len(terms)} candidates (an effect at a place) to try")
     bank = Bank.of(b, terms)

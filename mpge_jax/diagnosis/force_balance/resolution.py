@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -38,7 +38,7 @@ ROWS = 1500
 """Rows of the regressions by which they are judged."""
 
 
-def choose(p: Prepared, terms: list[Term]) -> Resolution:
+def choose(p: Prepared, terms: list[Term], known: Mapping[Term, Array]) -> Resolution:
     """The resolution with which a plain regression of the forces predicts stretches best that it was not fitted to.
 
     All that is tried of one thing is judged by the same forces, as they were measured. A sensor's filter is supposed
@@ -47,19 +47,20 @@ def choose(p: Prepared, terms: list[Term]) -> Resolution:
     is asked last, and of all forces.
 
     Args:
-        terms: of the plain regression.
+        terms: of the plain regression. known: parameters of what was found, near which that is told too.
     """
-
-    known: dict[tuple[Resolution, bool], float] = {}
+    others = [t for t in terms if t not in known]
+    told: dict[tuple[Resolution, bool], float] = {}
     along: dict[float, list[dict[Key, Rigid]]] = {}
 
     def error(r: Resolution, everywhere: bool) -> float:
-        if (r, everywhere) not in known:
+        if (r, everywhere) not in told:
             rows = tracks(p, p.looked_at, ROWS, r)
             same = along.setdefault(r.motion, [{} for _ in rows])
             b = Balance.of(p.ctx, rows, replace(r, motion=np.inf), same)
-            known[r, everywhere] = _error(Bank.of(replace(b, telling=b.measured) if everywhere else b, terms))
-        return known[r, everywhere]
+            bank = Bank.of(replace(b, telling=b.measured) if everywhere else b, others)
+            told[r, everywhere] = _error(bank.near(known.items()))
+        return told[r, everywhere]
 
     def best(tried: Iterable[Resolution], everywhere: bool = False) -> Resolution:
         chosen, least = Resolution(), np.inf

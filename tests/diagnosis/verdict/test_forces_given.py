@@ -141,7 +141,7 @@ def test_a_filter_is_supposed_only_where_the_force_holds_nothing_above_it():
         p = prepare(mujoco.MjSpec.from_string(PENDULUM), recordings, Config(jobs=1))
         assert (min(resolution._filters(p)) < 5.0) == (recordings is filtered)
         plain = [Term(i, REGISTRY[i].places(p.ctx)[0]) for i in ("coulomb_friction", "viscous_damping")]
-        return choose(p, plain)
+        return choose(p, plain, {})
 
     filtered = bench(PENDULUM, friction, 1e-5, sensor=2.0)
     assert chosen(bench(PENDULUM, friction, 1e-3)).sensor == np.inf
@@ -304,7 +304,7 @@ def test_a_joint_that_trembles_at_rest_is_not_taken_for_one_that_slides():
         out.append(Recording(name, t, q, None, None, force + 1e-3 * rng.standard_normal(force.shape)))
     p = prepare(mujoco.MjSpec.from_string(PENDULUM), out, Config(jobs=1))
     plain = [Term(i, REGISTRY[i].places(p.ctx)[0]) for i in ("coulomb_friction", "viscous_damping")]
-    still = choose(p, plain).still
+    still = choose(p, plain, {}).still
     assert still >= 0.01
     rows = tracks(p, p.train, 500, Resolution(still=still))
     assert (rows[0].unsure >= still * p.ctx.speed).all()
