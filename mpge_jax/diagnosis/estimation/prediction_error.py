@@ -42,6 +42,29 @@ class Errors:
         return _rms(np.clip(self.curves, -1e3, 1e3), (1,))
 
 
+@dataclass(frozen=True)
+class MeanSquare:
+    """Mean squares of position errors.
+
+    Attributes:
+        window: [W] of each window, over all position columns. joint: [nv] of each degree of freedom, over all windows
+            (0 where nothing is compared).
+    """
+
+    window: Array
+    joint: Array
+
+    @staticmethod
+    def of(square: Array, seen: Array) -> MeanSquare:
+        """Of squares [W, N, nv] where they are `seen`."""
+        filled = np.where(seen, square, 0.0)
+        each = (filled.sum(axes) / np.maximum(seen.sum(axes), 1) for axes in ((1, 2), (0, 1)))
+        return MeanSquare(*each)
+
+    def __add__(self, other: MeanSquare) -> MeanSquare:
+        return MeanSquare(self.window + other.window, self.joint + other.joint)
+
+
 def errors(
     sim: Simulator,
     f: Fitted,
@@ -80,9 +103,8 @@ def _rms(x: Array, axes: tuple[int, ...]) -> Array:
     return np.sqrt(np.where(seen.any(axes), square.sum(axes) / np.maximum(seen.sum(axes), 1), np.nan))
 
 
-def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Array) -> Array:
-    """Variance that noise and uncertain start states alone would give each window [W], were they independent: mean
-    square over position columns.
+def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Array) -> MeanSquare:
+    """Variance that noise and uncertain start states alone would give positions, were they independent.
 
     Args:
         shaken: [nu] deviation of the noise in measured forces that drive the machine; 0 where commands do.
@@ -95,15 +117,12 @@ def noise_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Arr
     cov = left_open(sim, f, w, noise)
     starts = np.einsum("swnd,wst,twnd->wnd", spread, cov, spread, optimize=True)
     variance = starts + np.where(seen, scale[..., :nv] ** 2, 0.0)
-    square = np.where(seen, variance, 0.0).sum((1, 2)) / np.maximum(seen.sum((1, 2)), 1)
-    return square + _shaken_floor(sim, f, w, noise, shaken)
+    square = MeanSquare.of(variance, seen)
+    return square + _shaken_floor(sim, f, w, noise, shaken) if shaken.any() else square
 
 
-def _shaken_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Array) -> Array:
-    """Mean square error of positions in each window as noise in the forces of every row makes it; `w` as in
-    `_from_told_starts`."""
-    if not shaken.any():
-        return np.zeros(w.count)
+def _shaken_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: Array) -> MeanSquare:
+    """Errors of positions as noise in the forces of every row makes them; `w` as in `_from_told_starts`."""
     rng, run = np.random.default_rng(0), [Run(f.hypothesis, f.theta)]
 
     def drawn(whole: Windows) -> list[Array]:
@@ -111,22 +130,23 @@ def _shaken_floor(sim: Simulator, f: Fitted, w: Windows, noise: Noise, shaken: A
         again = [whole.driven_by(tuple(s.shaken(shaken, rng) for s in whole.sources)) for _ in range(DRAWS)]
         return [sim.residuals(run, each)[0] - own for each in again]
 
-    return np.mean([_mean_square(x, w) for x in _from_told_starts(sim, f, w, noise, drawn)], axis=0)
+    square = np.mean([x**2 for x in _from_told_starts(sim, f, w, noise, drawn)], axis=0)
+    return _mean_square(square, w)
 
 
 def numerical_floor(
     sim: Simulator, f: Fitted, w: Windows, noise: Noise, amounts: Mapping[str, float]
-) -> Array:
-    """Mean square error of positions in each window [W] as the recordings move with another timestep, integrator or
-    moment of the commands than the model's, from starts that follow that.
+) -> MeanSquare:
+    """Errors of positions as the recordings move with another timestep, integrator or moment of the commands than the
+    model's, from starts that follow that.
 
     Args:
         amounts: how much of each of `numerics` the recordings show.
     """
     if not any(amounts.values()):
-        return np.zeros(w.count)
+        return MeanSquare(np.zeros(w.count), np.zeros(sim.model.nv))
     w = told(sim, f, w, noise)
-    return _mean_square(_numerical_moves(sim, f, w, noise, amounts), w)
+    return _mean_square(_numerical_moves(sim, f, w, noise, amounts) ** 2, w)
 
 
 def _numerical_moves(
@@ -142,10 +162,9 @@ def _numerical_moves(
     return _from_told_starts(sim, f, w, noise, change)[0]
 
 
-def _mean_square(moved: Array, w: Windows) -> Array:
-    """[W] of the positions that are compared, by how these move [W, N, nv]."""
-    square = (moved**2 * w.seen[..., None]).sum((1, 2))
-    return square / np.maximum(w.seen.sum(1) * moved.shape[-1], 1)
+def _mean_square(square: Array, w: Windows) -> MeanSquare:
+    """Of squares [W, N, nv] of how the positions move that are compared."""
+    return MeanSquare.of(square, np.broadcast_to(w.seen[..., None], square.shape))
 
 
 def _from_told_starts(

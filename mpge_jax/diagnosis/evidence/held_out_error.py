@@ -13,6 +13,7 @@ from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.prediction_error import (
     NO_AMOUNTS,
     Errors,
+    MeanSquare,
     errors,
     noise_floor,
     rms_by_joint,
@@ -36,8 +37,9 @@ class FitReport:
 
     Attributes:
         floors: [W] rms error that noise alone leaves in each window, and what is no missing physics either
-            (`beside`). floor: the same over all of them. moved: [nv] rms by which the machine moves from where a window
-            starts: the error of who predicts no motion. amounts: of `numerics` that predictions have here.
+            (`beside`). floor: the same over all of them. joint_floors: [nv] of each degree of freedom.
+        moved: [nv] rms by which the machine moves from where a window starts: the error of who predicts no motion.
+        amounts: of `numerics` that predictions have here.
     """
 
     windows: Windows
@@ -45,17 +47,22 @@ class FitReport:
     after: Errors
     floors: Array
     floor: float
+    joint_floors: Array
     moved: Array
     amounts: Mapping[str, float] = field(default_factory=dict)
 
     def above(self, ratio: float) -> FitReport:
         """The same with `ratio` times the noise."""
-        return replace(self, floors=ratio * self.floors, floor=ratio * self.floor)
+        floors = (ratio * x for x in (self.floors, self.floor, self.joint_floors))
+        return replace(self, **dict(zip(("floors", "floor", "joint_floors"), floors, strict=True)))
 
-    def beside(self, square: Array) -> FitReport:
-        """The same where something that is no missing physics leaves mean square errors [W] too."""
-        each = self.floors**2 + square
-        return replace(self, floors=np.sqrt(each), floor=float(np.sqrt(self.floor**2 + square.mean())))
+    def beside(self, *more: MeanSquare) -> FitReport:
+        """The same where things that are no missing physics leave errors too."""
+        square = sum(more, MeanSquare(self.floors**2, self.joint_floors**2))
+        whole = np.sqrt(self.floor**2 + (square.window - self.floors**2).mean())
+        return replace(
+            self, floors=np.sqrt(square.window), floor=float(whole), joint_floors=np.sqrt(square.joint)
+        )
 
     def left(self, rugged: bool) -> float:
         """Share of the error (rms beyond noise) that is left, between 0 and 1: of that of the model as given, or of who
@@ -73,6 +80,16 @@ class FitReport:
             if before > MEANS_SOMETHING * floor:
                 share = max(share, _share(after, before, floor))
         return min(share, 1.0)
+
+    def left_at(self, dofs: Array) -> float:
+        """Share that is left of the squared error of the model as given at some degrees of freedom [nv], noise aside; 0
+        where noise may leave as much at each."""
+        after, before = self.after.joint[dofs], self.no_more_than_moved(self.before.joint)[dofs]
+        floor = self.joint_floors[dofs]
+        if not (after > MEANS_SOMETHING * floor).any():
+            return 0.0
+        left, whole = (float(np.nansum(np.maximum(x**2 - floor**2, 0.0))) for x in (after, before))
+        return min(left / max(whole, 1e-300), 1.0)
 
     @property
     def flies_away(self) -> bool:
@@ -105,8 +122,9 @@ def fit_report(p: Prepared, f: Fitted, part: Part, amounts: Mapping[str, float] 
     before = errors(p.sim, NOTHING, w, p.noise, amounts)
     after = errors(p.sim, f, w, p.noise, amounts) if f.hypothesis.terms else before
     variance = noise_floor(p.sim, f, w, p.noise, force_noise(p))
-    each, whole = np.sqrt(variance), float(np.sqrt(variance.mean()))
-    return FitReport(w, before, after, each, whole, _moved(p, w), amounts)
+    each, joint = np.sqrt(variance.window), np.sqrt(variance.joint)
+    whole = float(np.sqrt(variance.window.mean()))
+    return FitReport(w, before, after, each, whole, joint, _moved(p, w), amounts)
 
 
 def _moved(p: Prepared, w: Windows) -> Array:

@@ -150,7 +150,7 @@ def _floor(prepared: Prepared, f: Fitted, length: float, shaken: Array, finer: b
     residual = sim.residuals([Run(f.hypothesis, f.theta)], cuts)[0]
     flat = white(residual)
     loss = robust_loss(white.excess(flat))
-    expected = noise_floor(sim, f, cuts, noise, shaken)
+    expected = noise_floor(sim, f, cuts, noise, shaken).window
     positions = np.clip(residual[..., : sim.model.nv], -1e3, 1e3)
     seen = np.isfinite(positions).any((1, 2))
     ratio = missed = 1.0

@@ -127,7 +127,7 @@ def predicts_better(p: Prepared, new: Fitted, old: Fitted) -> bool:
     """Whether recordings that only choose are predicted better, over windows of the reported length, beyond doubt."""
     w = judged(p, "choice")
     before, after = (errors(p.sim, f, w, p.noise) for f in (old, new))
-    floors = np.sqrt(noise_floor(p.sim, new, w, p.noise, force_noise(p)))
+    floors = np.sqrt(noise_floor(p.sim, new, w, p.noise, force_noise(p)).window)
     return beyond_doubt(_evidence(before, after, floors))
 
 

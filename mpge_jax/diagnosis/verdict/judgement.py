@@ -60,7 +60,7 @@ def too_far(p: Prepared, held: FitReport) -> bool:
     # what else is allowed is simulated only where it matters
     kinds = (STEP, LATE, INTEGRATOR)
     each = [numerical_floor(p.sim, NOTHING, held.windows, p.noise, {kind: 1.0}) for kind in kinds]
-    return held.before.rms > FAR * held.beside(np.sum(each, axis=0)).floor
+    return held.before.rms > FAR * held.beside(*each).floor
 
 
 def struck(p: Prepared, found: Decision, held: FitReport) -> list[str]:

@@ -72,26 +72,20 @@ def left_beside(
 def left_of_motion(p: Prepared, f: Fitted, at: Sequence[str], report: FitReport) -> dict[Term, Beside]:
     """What is `left_beside` the effects of a fit in the windows of a report."""
     each = {t: report.no_more_than_moved(e.joint) for t, e in errors_without(p, f, report).items()}
-    return left_beside(p, at, report.after.joint, each, report.floor, [[j] for j in p.model.dof_jntid])
+    return left_beside(p, at, report.after.joint, each, report.joint_floors, [[j] for j in p.model.dof_jntid])
 
 
 def left_there(p: Prepared, at: Sequence[str], report: FitReport, rugged: bool) -> float:
-    """Share that is left of the squared error of the model as given at a joint where something is left; the most of
-    these. It may drown in what others had. 0 where noise may leave as much, and where things strike each other, as
-    impacts do.
+    """What is `left_at` a joint where something is left; the most of these. It may drown in what others had. 0 where
+    things strike each other, as impacts leave as much.
 
     Args:
         at, report: as in `left_of_motion`.
     """
-    most = 0.0
-    for joint in {j for name in at for j in joints_at(p, name)}:
-        here = p.model.dof_jntid == joint
-        after, before = report.after.joint[here], report.no_more_than_moved(report.before.joint)[here]
-        if rugged or not np.nanmax(after, initial=0.0) > MEANS_SOMETHING * report.floor:
-            continue
-        left, whole = (float(np.nansum(np.maximum(x**2 - report.floor**2, 0.0))) for x in (after, before))
-        most = max(most, min(left / max(whole, 1e-300), 1.0))
-    return most
+    if rugged:
+        return 0.0
+    here = {j for name in at for j in joints_at(p, name)}
+    return max((report.left_at(p.model.dof_jntid == j) for j in here), default=0.0)
 
 
 def matters(share: float, beside: Mapping[Term, Beside]) -> bool:

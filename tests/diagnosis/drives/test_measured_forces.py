@@ -278,7 +278,7 @@ def test_noise_in_measured_forces_is_in_the_floor(rate, noise):
     # and so it is in what the report calls noise alone, far above that of the positions
     told = fit_report(p, nominal, "test")
     quiet = noise_floor(p.sim, nominal, told.windows, p.noise, np.zeros(1))
-    assert 0.5 < told.after.rms / told.floor < 1.6 and told.floor > 3.0 * np.sqrt(quiet.mean())
+    assert 0.5 < told.after.rms / told.floor < 1.6 and told.floor > 3.0 * np.sqrt(quiet.window.mean())
 
 
 @pytest.mark.parametrize("unknown", [False, True])

@@ -116,7 +116,7 @@ def _report(before: list[float], after: list[float], floor: float, moved: float 
         for x in (before, after)
         for rms in [float(np.sqrt(np.mean(np.square(x))))]
     )
-    return FitReport(None, b, a, np.full(len(before), floor), floor, np.array([moved]))
+    return FitReport(None, b, a, np.full(len(before), floor), floor, np.full(1, floor), np.array([moved]))
 
 
 def test_what_is_left_of_the_error_is_that_of_the_usual_window_too():

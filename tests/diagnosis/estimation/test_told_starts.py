@@ -9,7 +9,7 @@ import pytest
 
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
-from mpge_jax.diagnosis.estimation.prediction_error import errors, noise_floor, numerical_floor
+from mpge_jax.diagnosis.estimation.prediction_error import MeanSquare, errors, noise_floor, numerical_floor
 from mpge_jax.diagnosis.estimation.told_starts import left_open, told
 from mpge_jax.diagnosis.estimation.whitening import STEP
 from tests.diagnosis.machines import FINE_ARM, record
@@ -73,7 +73,7 @@ def test_less_is_left_open_than_before_and_errors_are_as_large_as_that(null):
     assert (np.linalg.eigvalsh(np.eye(2) - cov) > -1e-9).all() and (np.linalg.det(cov) < 0.5).all()
     # the recording was made in steps a quarter as long: one and a half times what halving them changes
     steps = numerical_floor(p.sim, NOTHING, w, p.noise, {STEP: 1.5})
-    floor = np.sqrt((noise_floor(p.sim, NOTHING, w, p.noise, np.zeros(p.model.nu)) + steps).mean())
+    floor = np.sqrt((noise_floor(p.sim, NOTHING, w, p.noise, np.zeros(p.model.nu)) + steps).window.mean())
     assert 0.7 * floor < errors(p.sim, NOTHING, w, p.noise).rms < 1.5 * floor
 
 
@@ -86,7 +86,17 @@ def test_predictions_with_the_steps_of_the_recordings_are_as_good_as_noise_lets_
     plain, none, half = (errors(p.sim, NOTHING, w, p.noise, x) for x in ({}, {STEP: 0.0}, {STEP: 1.0}))
     assert none.rms == plain.rms and half.rms < 0.2 * plain.rms
     steps = numerical_floor(p.sim, NOTHING, w, p.noise, {STEP: 1.0})
-    assert np.sqrt(steps.mean()) == pytest.approx(plain.rms, rel=0.2)
+    assert np.sqrt(steps.window.mean()) == pytest.approx(plain.rms, rel=0.2)
+
+
+def test_mean_squares_by_hand():
+    """Two windows of two rows, of two joints of which the second is seen once."""
+    square = np.array([[[1.0, 5.0], [3.0, 9.0]], [[2.0, 7.0], [4.0, 7.0]]])
+    seen = np.array([[[True, True], [True, False]], [[True, False], [True, False]]])
+    once = MeanSquare.of(square, seen)
+    np.testing.assert_allclose(once.window, [3.0, 3.0])
+    np.testing.assert_allclose(once.joint, [2.5, 5.0])
+    np.testing.assert_allclose((once + once).joint, [5.0, 10.0])
 
 
 def test_windows_that_keep_no_rows_for_it_stay_as_they_are(rubbing):

@@ -78,7 +78,9 @@ def _by_hand(monkeypatch, shares: dict, far: float = 50.0) -> None:
 
     def report(f):
         before = errors_of(NOTHING.hypothesis, far * (1.0 + np.arange(WINDOWS) / WINDOWS))
-        return FitReport(None, before, errors_of(f.hypothesis), np.zeros(WINDOWS), 0.0, np.ones(1))
+        return FitReport(
+            None, before, errors_of(f.hypothesis), np.zeros(WINDOWS), 0.0, np.zeros(1), np.ones(1)
+        )
 
     def without(p, f, report):
         fewer = {t: f.hypothesis.without(t) for t in f.hypothesis.terms}

@@ -145,12 +145,14 @@ def test_doubt_is_told_in_the_table_and_in_words(rubs_otherwise):
     )
 
 
-def _report(before: list[float], after: list[float], floor: float = 0.1) -> FitReport:
+def _report(
+    before: list[float], after: list[float], floor: float = 0.1, joints: float | None = None
+) -> FitReport:
     each = (
         Errors(float(np.sqrt(np.mean(np.square(x)))), np.array(x), np.ones(1), np.ones((1, 1, 2)))
         for x in (before, after)
     )
-    return FitReport(None, *each, np.full(1, floor), floor, np.full(2, np.inf))
+    return FitReport(None, *each, np.full(1, floor), floor, np.full(2, joints or floor), np.full(2, np.inf))
 
 
 def test_what_is_left_at_its_joint_counts_by_what_was_missed_there():
@@ -163,5 +165,8 @@ def test_what_is_left_at_its_joint_counts_by_what_was_missed_there():
     # noise may leave that, and impacts do
     assert left_there(P, ["elbow"], _report([20.0, 0.8], [0.1, 0.19]), False) == 0.0
     assert left_there(P, ["elbow"], report, True) == 0.0
+    # by its own noise: that of other joints may be larger
+    own = _report([20.0, 0.8], [0.1, 0.19], joints=0.05)
+    assert left_there(P, ["elbow"], own, False) == pytest.approx((0.19**2 - 0.05**2) / (0.64 - 0.05**2))
     assert left_there(P, ["elbow"], _report([20.0, 0.8], [0.1, 0.9]), False) == 1.0
     assert left_there(P, ["elbow"], _report([20.0, np.nan], [0.1, np.nan]), False) == 0.0
