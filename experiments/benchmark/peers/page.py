@@ -24,7 +24,8 @@ HEAD = """# Speed beside others
 Written by `python -m experiments.benchmark.peers` from [results/speed](results/speed). Ours and the peers' work were
 measured in turn in one process; a ratio is the median over rounds of ours to the peer's within the round (its quartiles
 in brackets), so that what else the machine does hits both. Compilation is left out. Where the load average of a row
-is above 2, other work ran beside it: rates are too low, and ratios are what to read. On an NVIDIA GPU: [gpu.md](gpu.md).
+is above 2, other work ran beside it: rates are too low, and ratios are what to read. On an NVIDIA GPU:
+[gpu.md](gpu.md).
 """
 NOTES = {
     "steps": "Ours: policy, observation, reward and automatic resets included. Raw `mujoco.batch` steps the same "

@@ -217,8 +217,8 @@ def _starting_points(
     problems: list[tuple[Term, Problem]] = []
     for term in terms:
         for own in starts_beside(ctx, term, known):
-            start = Fitted.start(ctx, {**parts, term: own})
-            problems.append((term, Problem(start, start.hypothesis.params(ctx))))
+            begun = Fitted.start(ctx, {**parts, term: own})
+            problems.append((term, Problem(begun, begun.hypothesis.params(ctx))))
     _simulate([p for _, p in problems], near, white)
     first = [p.fit.theta for _, p in problems]
     for times in range(1, (NEARER_TIMES if ctx.contacts else 1) + 1):

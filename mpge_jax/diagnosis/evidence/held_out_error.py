@@ -53,8 +53,12 @@ class FitReport:
 
     def above(self, ratio: float) -> FitReport:
         """The same with `ratio` times the noise."""
-        floors = (ratio * x for x in (self.floors, self.floor, self.joint_floors))
-        return replace(self, **dict(zip(("floors", "floor", "joint_floors"), floors, strict=True)))
+        return replace(
+            self,
+            floors=ratio * self.floors,
+            floor=ratio * self.floor,
+            joint_floors=ratio * self.joint_floors,
+        )
 
     def beside(self, *more: MeanSquare) -> FitReport:
         """The same where things that are no missing physics leave errors too."""
