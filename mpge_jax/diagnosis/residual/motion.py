@@ -48,7 +48,7 @@ WINDOWS = 100
 """Windows, at most, that a function is fitted to."""
 STEPS, PASSES = 4, 3
 """Steps of Gauss and Newton, at most; and how often inputs are chosen and these steps taken: at first with noise
-enlarged by all that is missing, then by what the last choice leaves."""
+enlarged by all that is missing, then by what the last choice leaves of the usual window."""
 SHORTER, SLOW = (1.0, 0.5, 0.2), 0.02
 """Parts of a step that are tried, and share by which it must lower the loss for another one."""
 
@@ -98,15 +98,17 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     pulses = {x: Pulses.at(p, f, x, w) for x in places}
     longer = p.windows("train", p.config.report_s, WINDOWS, seed=18)
     now, term, theta, tried, fine = f, None, np.zeros(0), [], set[str]()
-    for _ in range(PASSES):
-        task = _Task(p, f, w, s.whiten_one(now, w), fold)
+    for k in range(PASSES):
+        task = _Task(p, f, w, s.whiten_one(now, w) if k else _enlarged(s, f, w), fold)
         weight = task.weight(now)
         answers = {x: pulses[x].seen_by(task.white, weight) for x in places}
         problems = [(e, x.index, answers[x].of(e)) for e, x in candidates]
         tried_now = told(problems, fold)
         best = best_function(tried_now)
-        if best is None:
+        if best is None and k:
             break
+        if best is None:
+            continue
         candidates = [candidates[k] for k in in_the_race(tried_now)]
         place = next(x for x in places if x.index == best.place)
         if best.effect.id not in fine:
@@ -125,6 +127,14 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     # in units of the noise alone, windows that a function cannot follow count ever less
     _, term, theta = min(tried, key=lambda t: t[0])
     return Function(term, theta, formula(residual_of(term.id), theta, known[term.place], term, p.ctx))
+
+
+def _enlarged(s: Search, f: Fitted, w: Windows) -> Whitener:
+    """Whitener around a fit with noise enlarged by all that it leaves. What acts in few windows leaves nothing of the
+    usual one, in whose noise these few would be odd and count as nothing."""
+    white = s.whiten_one(f, w, temper=False)
+    left = white.excess(white(s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]))
+    return s.whiten_one(f, w, max(float(np.sqrt(left.mean())), 1.0))
 
 
 def as_fine_as_shown(found: Choice, answers: Answers, fold: Array) -> Choice:

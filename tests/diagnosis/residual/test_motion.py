@@ -78,6 +78,20 @@ def test_a_spring_that_yields_and_remembers_is_learned():
     assert [a.input for a in function.axes] == ["z"] and 0.07 < function.axes[0].high < 0.3
 
 
+def test_what_acts_in_few_windows_is_learned():
+    """A stop that brakes: beside the usual window, which lacks nothing, those that reach it are odd."""
+
+    def force(_model, data):
+        data.qfrc_applied[0] = -2.0 * max(data.qvel[0], 0.0) * (data.qpos[0] > 0.7)
+
+    recordings = record(PENDULUM, 0.5, force=force, count=6, seconds=4.0)
+    assert np.mean([np.mean(r.qpos > 0.7) for r in recordings]) < 0.1
+    s, p = search_of(PENDULUM, recordings)
+    held = fit_report(p, NOTHING, "test")
+    found = residual_of_motion(p, s, NOTHING, ["hinge"], (p, NOTHING), held)
+    assert found is not None and found.after < 0.5 * found.before
+
+
 def test_functions_are_judged_by_recordings_that_they_were_not_fitted_to(rubbing, monkeypatch):
     """Parts of one recording are much alike: what is told of one part is known of the other."""
     s, p = rubbing
