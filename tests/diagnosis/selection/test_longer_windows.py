@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Config
@@ -104,16 +105,17 @@ def test_it_begins_where_something_is_left(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("share", "shows", "found", "asked"),
+    ("share", "there", "shows", "found", "asked"),
     [
-        (0.05, (1.0,), 1.0, [0.5, 1.0]),
-        (0.05, (), None, [0.5, 1.0, 2.0]),  # no recording is longer
-        (0.01, (1.0,), None, [0.5]),
-        (0.01, (0.5, 1.0), 0.5, [0.5]),
+        (0.05, 0.0, (1.0,), 1.0, [0.5, 1.0]),
+        (0.05, 0.0, (), None, [0.5, 1.0, 2.0]),  # no recording is longer
+        (0.01, 0.0, (1.0,), None, [0.5]),
+        (0.01, 0.0, (0.5, 1.0), 0.5, [0.5]),
+        (0.01, 0.3, (1.0,), 1.0, [0.5, 1.0]),  # it drowns in what the other joint had
     ],
 )
 def test_longer_windows_are_asked_where_more_than_a_slight_rest_is_reported(
-    monkeypatch, share, shows, found, asked
+    monkeypatch, share, there, shows, found, asked
 ):
     bench, lengths = Bench(monkeypatch, {}, longest=2.0), []
 
@@ -122,10 +124,12 @@ def test_longer_windows_are_asked_where_more_than_a_slight_rest_is_reported(
         return Floor(), s.length if s.length in shows else None
 
     monkeypatch.setattr(procedure, "what_is_left", what_is_left)
-    monkeypatch.setattr(procedure, "fit_report", lambda *_: SimpleNamespace(left=lambda rugged: share**0.5))
+    report = SimpleNamespace(left=lambda rugged: share**0.5, left_at=lambda dofs: there * dofs[1])
+    monkeypatch.setattr(procedure, "fit_report", lambda *_: report)
+    p = SimpleNamespace(config=Config(), model=SimpleNamespace(njnt=2, dof_jntid=np.arange(2)))
     s = bench.build(None, None, 0.25)
     bench.sim.stride = 1
-    left, length = procedure._left_of_longer_windows(SimpleNamespace(config=Config()), s, ONE, lambda _: None)
+    left, length = procedure._left_of_longer_windows(p, s, ONE, lambda _: None)
     assert left == found and lengths == asked and bench.sim.stride == 1
     assert found is None or length == found
 
