@@ -26,10 +26,11 @@ from mpge_jax.diagnosis.residual.model import ResidualModel, with_residual
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.selection.criteria import may_be_none
 from mpge_jax.diagnosis.selection.procedure import Decision
-from mpge_jax.diagnosis.selection.remainder import leaves
+from mpge_jax.diagnosis.selection.remainder import Remainder, leaves
 from mpge_jax.diagnosis.selection.search_state import Search
 from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING, SLIGHT
 from mpge_jax.diagnosis.verdict.beside_functions import without_needless
+from mpge_jax.diagnosis.verdict.differing_recordings import as_recordings_differ
 from mpge_jax.diagnosis.verdict.location import by_joint
 from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, doubtful, left_of_motion, left_there, matters
 from mpge_jax.diagnosis.verdict.remainder_description import MOTION_ITSELF, MOTION_THERE, describe
@@ -83,12 +84,13 @@ class _Rest:
 
     Attributes:
         share: of the squared error. told: the entry of `unexplained`; None where that is nothing, or a detail. beside:
-            what is left beside each effect that acts where it is.
+            what is left beside each effect that acts where it is. left: the windows that tell it.
     """
 
     share: float = 0.0
     told: dict[str, Any] | None = None
     beside: Mapping[Term, Beside] = field(default_factory=dict)
+    left: Remainder | None = None
 
 
 def judge(
@@ -125,6 +127,8 @@ def judge(
         p.warnings += [*stepped, *struck(p, found, held)]
     elif residual is not None:
         rest.told["when"] = residual.told(rest.told["when"])
+    elif rest.left is not None:
+        rest.told["when"] = as_recordings_differ(p, rest.left, rest.told["at"][0]) or rest.told["when"]
     unexplained = rest.told if drives is None else together([rest.told, *drives.left])
     whole = found.fit if residual is None else with_residual(p.ctx, found.fit, residual)
     doubts = () if unexplained is None else (*doubtful(rest.beside, drives), *may_be_none(s, found.fit))
@@ -185,7 +189,7 @@ def _rest(p: Prepared, s: Search, found: Decision, held: FitReport, corrected: b
         return _Rest()
     if share <= SLIGHT < there:
         told |= {"share": number(there), "of": MOTION_THERE}
-    return _Rest(share, told if certain or matters(max(share, there), beside) else None, beside)
+    return _Rest(share, told if certain or matters(max(share, there), beside) else None, beside, left)
 
 
 def _verdict(found: Decision, drives: ActuatorSide | None, unexplained: dict[str, Any] | None) -> str:
