@@ -18,6 +18,9 @@ from mpge_jax.diagnosis.evidence.scored import Rival
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.residual.model import ResidualModel
 
+CANDIDATES = 4
+"""Fits, at most, that are listed where the data cannot tell which."""
+
 
 @dataclass(frozen=True)
 class Result:
@@ -79,12 +82,15 @@ class Result:
 
 
 def candidates_of(d: Result) -> dict[Term, list[Fitted]]:
-    """For every ambiguous term: the chosen fit and those that the data cannot tell from it (three at most)."""
+    """For every ambiguous term: the chosen fit and those that the data cannot tell from it (`CANDIDATES` at most), one
+    of each effect before others of the same."""
     out = {}
     for term, rivals in d.rivals.items():
-        tied = [r.fit for r in rivals if r.tied][:2]
+        tied = [r for r in rivals if r.tied]
+        first = {r.term.name: r for r in reversed(tied)}
+        ordered = sorted(tied, key=lambda r: r is not first[r.term.name])
         if tied:
-            out[term] = [d.fit, *tied]
+            out[term] = [d.fit, *(r.fit for r in ordered[: CANDIDATES - 1])]
     return out
 
 

@@ -29,7 +29,7 @@ def _located(*terms, joints, rivals=(), actuators=None):
             prepared=SimpleNamespace(model=model, names=names_of(model), train=()),
             terms=tuple(term),
             fit=fit(*term),
-            rivals={term[0]: [SimpleNamespace(tied=True, fit=fit(t)) for t in tied]} if tied else {},
+            rivals={term[0]: [SimpleNamespace(tied=True, term=t, fit=fit(t)) for t in tied]} if tied else {},
             location=[(name, "joint", ratio) for name, ratio in joints],
             actuators=actuators,
             unexplained=None,

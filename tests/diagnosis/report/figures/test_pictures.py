@@ -166,7 +166,7 @@ def test_every_place_that_is_named_is_marked():
     elbow = Term("coulomb_friction", Place("joint", "elbow", 1))
     other = Term("viscous_damping", Place("joint", "shoulder", 0))
     drive = Term("actuator_gain", Place("actuator", "shoulder_motor", 0))
-    rival = SimpleNamespace(tied=True, fit=_fit(other))
+    rival = SimpleNamespace(tied=True, term=other, fit=_fit(other))
     d = SimpleNamespace(
         terms=(elbow,),
         fit=_fit(elbow),
