@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -51,7 +51,7 @@ def diagnose(
     model: str | Path | mujoco.MjSpec,
     recordings: Sequence[Recording] | Sequence[str | Path] | Recording | str | Path,
     config: Config | None = None,
-    columns: dict[str, object] | None = None,
+    columns: Mapping[str, object] | str | Path | None = None,
     progress: Path | None = None,
 ) -> Diagnosis:
     """Find the physics that a model lacks.
@@ -59,7 +59,7 @@ def diagnose(
     Args:
         model: path of an MJCF file, or an MjSpec.
         recordings: files, folders, or `Recording`s in SI units.
-        config: settings. columns: renaming and conversion of columns (the content of `--map`).
+        config: settings. columns: renaming and conversion of columns: the file of a map (`--map`), or its content.
         progress: file that keeps the state of the search, so that an interrupted one goes on; yours to remove when
             the result is safe.
 

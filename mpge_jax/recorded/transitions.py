@@ -1,6 +1,6 @@
 """Logs of a real target as transitions (s, a, s') of a task, at the task's own control step.
 
-    log = transitions.read(["run.mcap"], "path/to/my_robot.py:MyRobot", columns=column_map.load(Path("map.yaml")))
+    log = transitions.read(["run.mcap"], "path/to/my_robot.py:MyRobot", columns="map.yaml")
     grounded, curve = mpge_jax.ground(sim, behaviour(log.train.log()), log.train.log(), config, key)
 
 Shapes: `R` transitions, `O` observation, `A` action size.
@@ -87,7 +87,7 @@ def read(
     paths: Sequence[str | Path],
     task: Task | str,
     model: str | Path | None = None,
-    columns: Mapping[str, Any] | None = None,
+    columns: Mapping[str, Any] | str | Path | None = None,
 ) -> Recorded:
     """Reads logs of any format that the diagnosis reads.
 
@@ -97,7 +97,7 @@ def read(
     Args:
         paths: files or folders. task: the simulator's.
         model: MJCF or URDF file of the machine, where the log names joints otherwise than the task's own model or in
-            another order. columns: renaming and conversion (the content of `--map`).
+            another order. columns: renaming and conversion: the file of a map, or its content.
 
     Raises:
         InputError: the logs cannot be used; the message says what to do.
@@ -105,7 +105,7 @@ def read(
     task = task_of(task)
     read_by = compile_variable(load_spec(nominal_spec(task) if model is None else model))
     names = names_of(read_by)
-    found = reader.read(list(paths), read_by, names, dict(columns or {}))
+    found = reader.read(list(paths), read_by, names, columns)
     for r in found:
         if r.ctrl is None:
             raise InputError(

@@ -79,6 +79,25 @@ def load(path: Path) -> dict[str, Any]:
     return data["columns"]
 
 
+def content(given: Mapping[str, Any] | str | Path | None) -> Mapping[str, Any] | None:
+    """The entries of a map by column, however it is given: a file, what such a file holds, or the entries themselves.
+
+    Raises:
+        InputError: it is none of these, or the file cannot be used.
+    """
+    if given is None:
+        return None
+    if isinstance(given, str | Path):
+        return load(Path(given))
+    if not isinstance(given, Mapping):
+        raise InputError(
+            f"a map of columns is a file or a dict such as {{'qpos:elbow': {{'from': 'angle', 'unit': 'deg'}}}}, not "
+            f"{type(given).__name__}."
+        )
+    inner = given.get("columns")
+    return inner if isinstance(inner, Mapping) and "from" not in inner else given
+
+
 def csv_places(model: mujoco.MjModel, names: Names) -> dict[tuple[str, str], int]:
     places: dict[tuple[str, str], int] = {}
     for j, joint in enumerate(names.joints):

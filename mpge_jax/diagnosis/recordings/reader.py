@@ -13,7 +13,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine.model import Names
-from mpge_jax.diagnosis.recordings.column_map import apply, apply_to, sources
+from mpge_jax.diagnosis.recordings.column_map import apply, apply_to, content, sources
 from mpge_jax.diagnosis.recordings.command_lag import LONGEST, NOT_TOLD, common_lag, what_drives
 from mpge_jax.diagnosis.recordings.formats.arrays import KEYS, raw_columns, read_npz
 from mpge_jax.diagnosis.recordings.formats.plain import aliased_log, read_csv
@@ -226,12 +226,13 @@ def read(
     recordings: Sequence[Recording] | Sequence[str | Path] | Recording | str | Path,
     model: mujoco.MjModel,
     names: Names,
-    columns: dict[str, object] | None = None,
+    columns: Mapping[str, object] | str | Path | None = None,
 ) -> list[Recording]:
     """Recordings as the engine takes them: validated, transitions joined, angles continuous, time from zero.
 
     Args:
-        recordings: files, folders, or `Recording`s in SI units. columns: renaming and conversion of files' columns.
+        recordings: files, folders, or `Recording`s in SI units. columns: renaming and conversion of files' columns, or
+            the file of a map.
 
     Raises:
         InputError: the input cannot be used; the message says what to do.
@@ -249,7 +250,7 @@ def read(
     files = [r for r in given if isinstance(r, str | Path)]
     checked = [validate(r, model, names) for r in ready]
     if files or not ready:
-        checked += load_recordings(files, model, names, columns)
+        checked += load_recordings(files, model, names, content(columns))
     # transitions follow one another as they were logged, so they are joined before angles are made continuous
     whole = [unwrapped(r, model, names) for r in chain_transitions(checked)]
     checked = [from_zero(without_stray_readings(r, model, names)) for r in whole]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from mpge_jax.diagnosis import InputError, Recording
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
-from mpge_jax.diagnosis.recordings.column_map import load
+from mpge_jax.diagnosis.recordings.column_map import content, load
 from mpge_jax.diagnosis.recordings.reader import load_recordings, read_recording
 from mpge_jax.diagnosis.recordings.recording import chain_transitions
 from mpge_jax.diagnosis.recordings.rows.full_turns import unwrapped
@@ -414,6 +414,18 @@ def test_damaged_archives_never_crash(tmp_path_factory, cut, flip, value):
         assert "\n" not in str(error)
     else:
         assert r.qpos.shape == (20, 2)
+
+
+def test_a_map_is_given_as_its_file_or_what_that_holds(tmp_path):
+    entries = {"time": {"from": "t_ms", "unit": "ms"}}
+    (tmp_path / "map.yaml").write_text("columns:\n  time: {from: t_ms, unit: ms}\n")
+    for form in (tmp_path / "map.yaml", str(tmp_path / "map.yaml"), {"columns": entries}, entries):
+        assert content(form) == entries
+    assert content(None) is None
+    # a column of that name is an entry like any other
+    assert content({"columns": {"from": "x"}}) == {"columns": {"from": "x"}}
+    with pytest.raises(InputError, match="a map of columns is a file or a dict"):
+        content(["t_ms"])
 
 
 def test_a_map_reads_beside_whole_numbers_and_what_it_does_not_name(tmp_path, arm):
