@@ -86,8 +86,12 @@ class FitReport:
         return min(share, 1.0)
 
     def left_at(self, dofs: Array) -> float:
-        """Share that is left of the squared error of the model as given at some degrees of freedom [nv], noise aside; 0
-        where noise may leave as much at each."""
+        """Share that is left, at some degrees of freedom, of the squared error of the model as given (of who predicts
+        no motion, where that is less), beyond noise; 0 where none exceeds `MEANS_SOMETHING` times its noise.
+
+        Args:
+            dofs: [nv] which ones.
+        """
         after, before = self.after.joint[dofs], self.no_more_than_moved(self.before.joint)[dofs]
         floor = self.joint_floors[dofs]
         if not (after > MEANS_SOMETHING * floor).any():

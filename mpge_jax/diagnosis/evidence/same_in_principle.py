@@ -67,33 +67,35 @@ def _along_its_slide(ctx: Context, bias: Term, force: Term) -> bool:
 
 
 def _level(ctx: Context, tilt: Term, bias: Term) -> bool:
-    """Gravity that leans along a slide pushes all that it carries, and moves nothing else: all joints are slides, the
-    others across that one, which is level."""
+    """Gravity that leans along a slide pushes all that it carries, and nothing else, but for the little by which
+    upright slides carry less: all joints are slides, the others across that one, which is level."""
     slide = _slide_of(ctx, bias)
     if slide is None or not _pushed_alone(ctx, slide, acted_on(ctx.model, tilt.place)):
         return False
-    down = ctx.model.opt.gravity / np.linalg.norm(ctx.model.opt.gravity)
-    return bool(abs(_axes(ctx.model)[slide] @ down) < PARALLEL)
+    return bool(abs(_axes(ctx.model)[slide] @ _down(ctx.model)) < PARALLEL)
 
 
 def _slides_alone(ctx: Context, tilt: Term, force: Term) -> bool:
-    """All joints are slides, those that are not upright across each other: gravity that leans pushes each of these by a
-    constant of its own, and so does a force those that carry it."""
+    """All joints are slides, those that are not upright across each other: gravity that leans towards those that carry
+    a force pushes each of these by a constant, as the force does."""
     m = ctx.model
     if (m.jnt_type != mujoco.mjtJoint.mjJNT_SLIDE).any():
         return False
-    down = m.opt.gravity / np.linalg.norm(m.opt.gravity)
-    level = np.flatnonzero(np.linalg.norm(np.cross(_axes(m), down), axis=1) > PARALLEL)
-    axes = _axes(m)[level]
+    every = _axes(m)
+    level = np.flatnonzero(np.linalg.norm(np.cross(every, _down(m)), axis=1) > PARALLEL)
+    axes = every[level]
     across = np.abs(axes @ axes.T - np.eye(len(level))).max(initial=0.0) < PARALLEL
     return bool(across and set(level) & set(acted_on(m, force.place)))
 
 
 def _slide_of(ctx: Context, drive: Term) -> int | None:
-    """The slide that an actuator drives, whose force nothing limits."""
+    """The slide that an actuator drives, where nothing limits its force with what is added to it."""
     m, a = ctx.model, drive.place.index
-    slide = is_joint_transmission(m, a) and m.jnt_type[m.actuator_trnid[a, 0]] == mujoco.mjtJoint.mjJNT_SLIDE
-    return int(m.actuator_trnid[a, 0]) if slide and not m.actuator_forcelimited[a] else None
+    if drive.id != drive.plain or not is_joint_transmission(m, a):
+        return None
+    joint = int(m.actuator_trnid[a, 0])
+    limited = m.actuator_forcelimited[a] or m.jnt_actfrclimited[joint]
+    return joint if m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE and not limited else None
 
 
 def _pushed_alone(ctx: Context, slide: int, joints: list[int]) -> bool:
@@ -105,6 +107,11 @@ def _pushed_alone(ctx: Context, slide: int, joints: list[int]) -> bool:
         and bool((m.jnt_type[joints] == mujoco.mjtJoint.mjJNT_SLIDE).all())
         and bool((np.abs(axes[others] @ axes[slide]) < PARALLEL).all())
     )
+
+
+def _down(m: mujoco.MjModel) -> np.ndarray:
+    """Unit vector [3] of gravity."""
+    return np.array(m.opt.gravity / np.linalg.norm(m.opt.gravity))
 
 
 def _axes(m: mujoco.MjModel) -> np.ndarray:

@@ -31,7 +31,9 @@ ROWS = 3000
 MOST = 40
 """Most effects."""
 TURNS = 3
-"""Most turns of search and fit, and of these and how finely motion and force are known."""
+"""Most turns of search and fit."""
+READINGS = 3
+"""Most times that the search is made, each with motion and force known as finely as the last one's effects say."""
 SOMETHING = 3.0
 """Standard deviations from nothing below which a parameter says nothing."""
 
@@ -60,18 +62,18 @@ def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
     """Effects whose forces the recordings need, all but the test ones: parts choose what was fitted to the others.
 
     How finely motion and force are known is chosen beside plain effects, and again beside those that were found: what
-    is missing hides half a row's delay. The search is then made anew, until nothing else is chosen.
+    is missing hides half a row's delay. Where that is another answer the search is made anew.
     """
     terms = [t for t in all_terms(p.ctx, p.config.effects) if can_ask(t)]
     plain = [t for t in terms if t.id in PLAIN]
     if p.config.masses_within:
         terms.append(given_inertias(p.config.masses_within))
-    resolution = choose(p, plain, {})
-    for _ in range(TURNS):
-        found = _at_resolution(p, terms, resolution, say)
-        before, resolution = resolution, choose(p, plain, found.parts)
-        if resolution == before:
+    found = _at_resolution(p, terms, choose(p, plain, {}), say)
+    for _ in range(READINGS - 1):
+        again = choose(p, plain, found.parts)
+        if again == found.balance.resolution:
             break
+        found = _at_resolution(p, terms, again, say)
     lag = found.balance.resolution.lag
     if lag:
         p.warnings.append(

@@ -98,17 +98,18 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     pulses = {x: Pulses.at(p, f, x, w) for x in places}
     longer = p.windows("train", p.config.report_s, WINDOWS, seed=18)
     now, term, theta, tried, fine = f, None, np.zeros(0), [], set[str]()
-    for k in range(PASSES):
-        task = _Task(p, f, w, s.whiten_one(now, w) if k else _enlarged(s, f, w), fold)
+    for number in range(PASSES):
+        task = _Task(p, f, w, s.whiten_one(now, w) if number else _enlarged(s, f, w), fold)
         weight = task.weight(now)
         answers = {x: pulses[x].seen_by(task.white, weight) for x in places}
         problems = [(e, x.index, answers[x].of(e)) for e, x in candidates]
         tried_now = told(problems, fold)
         best = best_function(tried_now)
-        if best is None and k:
-            break
-        if best is None:
+        if best is None and number == 0:
+            # one window that flies off is all that is left of the mean one
             continue
+        if best is None:
+            break
         candidates = [candidates[k] for k in in_the_race(tried_now)]
         place = next(x for x in places if x.index == best.place)
         if best.effect.id not in fine:
@@ -130,8 +131,8 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
 
 
 def _enlarged(s: Search, f: Fitted, w: Windows) -> Whitener:
-    """Whitener around a fit with noise enlarged by all that it leaves. What acts in few windows leaves nothing of the
-    usual one, in whose noise these few would be odd and count as nothing."""
+    """Whitener around a fit with noise enlarged by what it leaves of the mean window. Where something acts in few
+    windows the median one shows nothing but noise, and in its units those few would count as outliers."""
     white = s.whiten_one(f, w, temper=False)
     left = white.excess(white(s.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]))
     return s.whiten_one(f, w, max(float(np.sqrt(left.mean())), 1.0))

@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.estimation.levenberg_marquardt import as_wide_as_recordi
 from mpge_jax.diagnosis.estimation.whitening import Whitener
 from mpge_jax.diagnosis.evidence.held_out_error import MAY_BE_NONE, FitReport, fit_report, left_out
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
+from mpge_jax.diagnosis.evidence.numerics_seen import amounts_seen
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
 from mpge_jax.diagnosis.recordings.three_parts import Part
 from mpge_jax.diagnosis.selection.alternatives import better_rival, find_rivals, unaffected
@@ -242,17 +243,17 @@ def _left_of_longer_windows(
         s.log += longer.log
         if left is not None:
             break
-        if length == reported and _slightly_left(p, f):
+        if length == reported and _nearly_explained(p, f):
             break
         length *= 2.0
     s.sim.stride = stride
     return left, length
 
 
-def _slightly_left(p: Prepared, f: Fitted) -> bool:
+def _nearly_explained(p: Prepared, f: Fitted) -> bool:
     """Whether at most a slight part of the error is left in windows of the reported length, over all and at each joint:
     what one misses may drown in what others had, or in their noise."""
-    report = fit_report(p, f, "choice")
+    report = fit_report(p, f, "choice", amounts_seen(p, f))
     joints = [report.left_at(p.model.dof_jntid == j) for j in range(p.model.njnt)]
     return max(report.left(rugged=False) ** 2, *joints) <= SLIGHT
 

@@ -32,7 +32,14 @@ from mpge_jax.diagnosis.thresholds import FAR, MEANS_SOMETHING, SLIGHT
 from mpge_jax.diagnosis.verdict.beside_functions import without_needless
 from mpge_jax.diagnosis.verdict.differing_recordings import as_recordings_differ
 from mpge_jax.diagnosis.verdict.location import by_joint
-from mpge_jax.diagnosis.verdict.part_of_unknown import Beside, doubtful, left_of_motion, left_there, matters
+from mpge_jax.diagnosis.verdict.part_of_unknown import (
+    Beside,
+    doubtful,
+    joints_at,
+    left_of_motion,
+    left_there,
+    matters,
+)
 from mpge_jax.diagnosis.verdict.remainder_description import MOTION_ITSELF, MOTION_THERE, describe
 from mpge_jax.diagnosis.verdict.result import Result
 
@@ -84,13 +91,13 @@ class _Rest:
 
     Attributes:
         share: of the squared error. told: the entry of `unexplained`; None where that is nothing, or a detail. beside:
-            what is left beside each effect that acts where it is. left: the windows that tell it.
+            what is left beside each effect that acts where it is. remainder: None where nothing is left.
     """
 
     share: float = 0.0
     told: dict[str, Any] | None = None
     beside: Mapping[Term, Beside] = field(default_factory=dict)
-    left: Remainder | None = None
+    remainder: Remainder | None = None
 
 
 def judge(
@@ -127,8 +134,10 @@ def judge(
         p.warnings += [*stepped, *struck(p, found, held)]
     elif residual is not None:
         rest.told["when"] = residual.told(rest.told["when"])
-    elif rest.left is not None:
-        rest.told["when"] = as_recordings_differ(p, rest.left, rest.told["at"][0]) or rest.told["when"]
+    elif rest.remainder is not None:
+        joints = dict.fromkeys(j for name in rest.told["at"] for j in joints_at(p, name))
+        changing = [as_recordings_differ(p, rest.remainder, j) for j in joints]
+        rest.told["when"] = "; ".join(filter(None, changing)) or rest.told["when"]
     unexplained = rest.told if drives is None else together([rest.told, *drives.left])
     whole = found.fit if residual is None else with_residual(p.ctx, found.fit, residual)
     doubts = () if unexplained is None else (*doubtful(rest.beside, drives), *may_be_none(s, found.fit))

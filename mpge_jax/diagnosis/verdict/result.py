@@ -83,12 +83,12 @@ class Result:
 
 def candidates_of(d: Result) -> dict[Term, list[Fitted]]:
     """For every ambiguous term: the chosen fit and those that the data cannot tell from it (`CANDIDATES` at most), one
-    of each effect before others of the same."""
+    of each effect before others of the same, of which the chosen one is one."""
     out = {}
     for term, rivals in d.rivals.items():
         tied = [r for r in rivals if r.tied]
-        first = {r.term.name: r for r in reversed(tied)}
-        ordered = sorted(tied, key=lambda r: r is not first[r.term.name])
+        first = {r.term.name: r for r in reversed(tied) if r.term.name != term.name}
+        ordered = sorted(tied, key=lambda r: first.get(r.term.name) is not r)
         if tied:
             out[term] = [d.fit, *(r.fit for r in ordered[: CANDIDATES - 1])]
     return out

@@ -121,6 +121,19 @@ def test_damping_is_not_the_back_emf_of_another_joints_motor():
     assert not same(ctx, places["viscous_damping", "shoulder"], emf)
 
 
+def test_what_limits_a_drive_limits_its_bias_too():
+    for old, new in (
+        ('gear="3"', 'gear="3" forcelimited="true" forcerange="-1 1"'),
+        ('damping="2"', 'damping="2" actuatorfrclimited="true" actuatorfrcrange="-1 1"'),
+    ):
+        two = TABLE_XY.replace(old, new).replace(
+            '<motor name="y_drive"', '<motor joint="x"/><motor name="y_drive"'
+        )
+        ctx = nominal_context(compile_variable(mujoco.MjSpec.from_string(two)))
+        places = {(t.id, t.place.name): t for t in all_terms(ctx, ("actuator_bias", "external_force"))}
+        assert not same(ctx, places["actuator_bias", "x_drive"], places["external_force", "bridge"])
+
+
 def test_a_force_on_what_slides_askew_is_not_the_bias_of_one_drive():
     askew = TABLE_XY.replace('axis="0 1 0" damping', 'axis="1 1 0" damping')
     for xml, alike in ((TABLE_XY, True), (askew, False)):

@@ -126,6 +126,7 @@ def test_longer_windows_are_asked_where_more_than_a_slight_rest_is_reported(
     monkeypatch.setattr(procedure, "what_is_left", what_is_left)
     report = SimpleNamespace(left=lambda rugged: share**0.5, left_at=lambda dofs: there * dofs[1])
     monkeypatch.setattr(procedure, "fit_report", lambda *_: report)
+    monkeypatch.setattr(procedure, "amounts_seen", lambda *_: {})
     p = SimpleNamespace(config=Config(), model=SimpleNamespace(njnt=2, dof_jntid=np.arange(2)))
     s = bench.build(None, None, 0.25)
     bench.sim.stride = 1

@@ -24,3 +24,10 @@ def test_one_of_each_effect_is_listed_before_others_of_the_same():
     d = SimpleNamespace(fit=fit, rivals={chosen: rivals, near[0][0]: []})
     assert CANDIDATES == 4
     assert candidates_of(d) == {chosen: [fit, near[0][1], near[3][1], near[1][1]]}
+
+
+def test_the_chosen_effect_is_one_of_its_own():
+    chosen, fit = of("external_force", 1)
+    near = [of("external_force", 2), of("actuator_bias"), of("gravity_tilt"), of("joint_stiffness")]
+    d = SimpleNamespace(fit=fit, rivals={chosen: [Rival(term, f, 0.0, "", tied=True) for term, f in near]})
+    assert candidates_of(d) == {chosen: [fit, *(f for _, f in near[1:])]}
