@@ -139,7 +139,8 @@ def _said(met: bool) -> str:
 def _reference(rate: float) -> str:
     return (
         f"The paper's released code made {REFERENCE:g} steps a second on two cores, in another run, under a load that "
-        f"is not known: ours makes {rate / REFERENCE:.0f} times as many (aimed at: {TIMES:g}): {_said(rate >= TIMES * REFERENCE)}."
+        f"is not known: ours makes {rate / REFERENCE:.0f} times as many (aimed at: {TIMES:g}): "
+        f"{_said(rate >= TIMES * REFERENCE)}."
     )
 
 
