@@ -11,7 +11,6 @@ from typing import Any
 from experiments.runners import Ended, Job, Refused
 from mpge_jax import files
 from mpge_jax.diagnosis import Config, InputError, diagnose, load_effects, load_readers
-from mpge_jax.diagnosis.recordings.column_map import load
 
 RESULT, GIVEN, FAILED = "diagnosis.json", "given.json", "failed.json"
 
@@ -81,7 +80,6 @@ def diagnose_robot(given: RobotJob) -> None:
       Refused: its recordings cannot be used.
     """
     try:
-        columns = None if given.settings.map is None else load(given.settings.map)
         for file in given.settings.effects_files:
             load_effects(file)
         for file in given.settings.reader_files:
@@ -89,7 +87,7 @@ def diagnose_robot(given: RobotJob) -> None:
         progress = given.out / ".progress.json"
         recorded = given.given()
         result = diagnose(
-            given.settings.model, [given.recordings], given.settings.config(), columns, progress
+            given.settings.model, [given.recordings], given.settings.config(), given.settings.map, progress
         )
     except InputError as error:
         raise Refused(str(error)) from None

@@ -17,7 +17,6 @@ import numpy as np
 
 from experiments.methods.cell import Cell, LogFiles, Method, Work
 from mpge_jax.diagnosis import InputError, load_readers
-from mpge_jax.diagnosis.recordings import column_map
 from mpge_jax.grounding.config import GroundingConfig
 from mpge_jax.grounding.prediction import HeldOut
 from mpge_jax.recorded import transitions
@@ -41,10 +40,9 @@ def read(files: LogFiles, task: str) -> Recorded:
       ValueError: it cannot be used; says what to do.
     """
     try:
-        columns = None if files.map is None else column_map.load(files.map)
         for file in files.readers:
             load_readers(file)
-        return transitions.read(files.paths, task, files.model, columns)
+        return transitions.read(files.paths, task, files.model, files.map)
     except InputError as error:
         raise ValueError(f"--target-log: {error}") from None
 

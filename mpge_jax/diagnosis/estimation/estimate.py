@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -41,6 +41,11 @@ class Fitted:
         h = Hypothesis.of(*parts)
         theta = h.gather(ctx, parts)
         return Fitted(h, theta, theta)
+
+    def exchanged(self, ctx: Context, gone: Collection[Term], come: Mapping[Term, Array]) -> Fitted:
+        """The same with other effects, or parameters, in the place of some, to begin a fit with."""
+        kept = {t: x for t, x in self.hypothesis.split(ctx, self.theta).items() if t not in gone}
+        return Fitted.start(ctx, {**kept, **come})
 
     def of_terms(self, ctx: Context, h: Hypothesis) -> Fitted:
         """Some of its effects with the same parameters, not fitted again."""

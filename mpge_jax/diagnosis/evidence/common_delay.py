@@ -36,8 +36,7 @@ def by_a_common_delay(
     come.sort(key=lambda t: _joint(ctx, t) != _joint(ctx, term))
     parts = f.hypothesis.split(ctx, f.theta)
     delay = np.array([np.mean([parts[t][0] for t in gone])])
-    others = {t: parts[t] for t in without.terms}
-    return Fitted.start(ctx, others | dict.fromkeys(come, delay)), tuple(come)
+    return f.exchanged(ctx, gone, dict.fromkeys(come, delay)), tuple(come)
 
 
 def _joint(ctx: Context, t: Term) -> int:

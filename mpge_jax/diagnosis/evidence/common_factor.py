@@ -40,8 +40,8 @@ def by_a_common_factor(
     if not 1 < ctx.model.nu <= drives or not come or told <= 0.0:
         return None
     factor = 1.0 / told
-    others = {}
+    others = dict.fromkeys(come, np.array([factor]))
     for t in without.terms:
         force = [any(x in p.unit for x in ("N", "kg")) for p in t.params(ctx)]
         others[t] = np.where(force, factor * parts[t], parts[t])
-    return Fitted.start(ctx, others | dict.fromkeys(come, np.array([factor]))), tuple(come)
+    return f.exchanged(ctx, gone, others), tuple(come)

@@ -48,8 +48,7 @@ def by_direction(
     able = {(t.id, t.place) for t in terms}
     if not told or not all((t.plain, t.place) in able and compatible(without, t) for t in told):
         return None
-    others = {t: parts[t] for t in without.terms}
-    return Fitted.start(ctx, others | told), tuple(told)
+    return f.exchanged(ctx, gone, told), tuple(told)
 
 
 def _together(ctx: Context, h: Hypothesis, term: Term) -> set[Term]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -133,6 +133,11 @@ def fit_report(p: Prepared, f: Fitted, part: Part, amounts: Mapping[str, float] 
     each, joint = np.sqrt(variance.window), np.sqrt(variance.joint)
     whole = float(np.sqrt(variance.window.mean()))
     return FitReport(w, before, after, each, whole, joint, _moved(p, w), amounts)
+
+
+def left_at_joints(p: Prepared, report: FitReport, joints: Iterable[int]) -> float:
+    """The most that is `left_at` one of some joints, 0 where there are none."""
+    return max((report.left_at(p.model.dof_jntid == j) for j in joints), default=0.0)
 
 
 def _moved(p: Prepared, w: Windows) -> Array:

@@ -26,15 +26,14 @@ def carried_over(ctx: Context, f: Fitted, term: Term, other: Term) -> Fitted | N
     it does nearly the same. None of other effects."""
     if not term.id == other.id == "payload_mass" or ctx.samples is None or not len(ctx.samples.q):
         return None
-    m, parts = ctx.model, f.hypothesis.split(ctx, f.theta)
-    mass, *position = parts.pop(term)
+    m = ctx.model
+    mass, *position = f.hypothesis.split(ctx, f.theta)[term]
     data = mujoco.MjData(m)
     data.qpos[:] = np.median(ctx.samples.q, axis=0)
     mujoco.mj_normalizeQuat(m, data.qpos)
     mujoco.mj_kinematics(m, data)
     turn, shift = _frame_change(data, term.place.index, other.place.index)
-    parts[other] = np.array([mass, *turn @ np.array(position) + shift])
-    return Fitted.start(ctx, parts)
+    return f.exchanged(ctx, [term], {other: np.array([mass, *turn @ np.array(position) + shift])})
 
 
 def one_of_each(ctx: Context, fits: list[Fitted]) -> list[Fitted]:

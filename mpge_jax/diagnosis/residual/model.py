@@ -86,4 +86,4 @@ def with_functions(ctx: Context, f: Fitted, functions: Sequence[Function]) -> Fi
 def with_function(ctx: Context, f: Fitted, term: Term, theta: Array | None = None) -> Fitted:
     """`f` with a function of given values (0)."""
     own = np.zeros(len(term.params(ctx))) if theta is None else theta
-    return Fitted.start(ctx, f.hypothesis.split(ctx, f.theta) | {term: own})
+    return f.exchanged(ctx, (), {term: own})

@@ -104,8 +104,7 @@ def _instead(
     """
     ctx, hypothesis = s.sim.ctx, best.fit.hypothesis
     without, many = hypothesis.without(term), s.brief(hypothesis)
-    chosen = hypothesis.split(ctx, best.fit.theta)
-    base = Fitted.start(ctx, {t: chosen[t] for t in without.terms})
+    base = best.fit.exchanged(ctx, [term], {})
     sample = s.sample(base, white)
     # Screened anew: the search drops what looks like a better one of its group, as a rival does.
     candidates = [t for t in s.terms if t.effect.named and not _same(t, term) and compatible(without, t)]

@@ -60,7 +60,7 @@ def _in_other_forms(s: Search, f: Fitted, forms: dict[str, str]) -> Fitted:
             break
     if not others:
         return f
-    start = _exchanged(ctx, f, {t: (x, parts[t]) for t, x in others.items()})
+    start = f.exchanged(ctx, others, {x: parts[t] for t, x in others.items()})
     whites = s.whiten(f)
     # what else moves, and what these do, is all but the same in both
     slopes = dict(slopes_of(s.sim, f, s.train, whites[0]))
@@ -198,7 +198,7 @@ def _with_closer(s: Search, f: Fitted, forms: dict[Term, Term]) -> list[Fitted]:
         starts[t] = x, _closer(x).starts_from(ctx, t.place, _of_plain(ctx, t, parts[t]))
         starts |= {other: (other, other.effect.null(ctx, other.place)[None]) for other in _beside(s, f, x)}
     return [
-        _exchanged(ctx, f, {t: (form, each[min(k, len(each) - 1)]) for t, (form, each) in starts.items()})
+        f.exchanged(ctx, starts, {form: each[min(k, len(each) - 1)] for form, each in starts.values()})
         for k in range(max(len(each) for _, each in starts.values()))
     ]
 
@@ -206,18 +206,13 @@ def _with_closer(s: Search, f: Fitted, forms: dict[Term, Term]) -> list[Fitted]:
 def with_plain(ctx: Context, f: Fitted, terms: list[Term]) -> Fitted:
     """`f` with the plain forms of some of its closer ones."""
     parts = f.hypothesis.split(ctx, f.theta)
-    plain = {t: (Term(t.plain, t.place), _of_plain(ctx, t, parts[t])) for t in terms}
-    return _exchanged(ctx, f, plain)
+    plain = {Term(t.plain, t.place): _of_plain(ctx, t, parts[t]) for t in terms}
+    return f.exchanged(ctx, terms, plain)
 
 
 def _of_plain(ctx: Context, term: Term, theta: np.ndarray) -> np.ndarray:
     """The parameters of the plain form in those of a term."""
     return theta[: len(REGISTRY[term.plain].params(ctx, term.place))]
-
-
-def _exchanged(ctx: Context, f: Fitted, others: dict[Term, tuple[Term, np.ndarray]]) -> Fitted:
-    parts = {t: x for t, x in f.hypothesis.split(ctx, f.theta).items() if t not in others}
-    return Fitted.start(ctx, parts | dict(others.values()))
 
 
 def _differs(ctx: Context, f: Fitted, term: Term) -> bool:

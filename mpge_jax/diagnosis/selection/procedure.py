@@ -15,7 +15,13 @@ from mpge_jax.diagnosis.estimation.evolution_strategy import polished
 from mpge_jax.diagnosis.estimation.inexact_inertias import beside_inexact_inertias
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import as_wide_as_recordings_differ
 from mpge_jax.diagnosis.estimation.whitening import Whitener
-from mpge_jax.diagnosis.evidence.held_out_error import MAY_BE_NONE, FitReport, fit_report, left_out
+from mpge_jax.diagnosis.evidence.held_out_error import (
+    MAY_BE_NONE,
+    FitReport,
+    fit_report,
+    left_at_joints,
+    left_out,
+)
 from mpge_jax.diagnosis.evidence.null_distribution import Floor, floor
 from mpge_jax.diagnosis.evidence.numerics_seen import amounts_seen
 from mpge_jax.diagnosis.evidence.scored import Reached, Rival, Scored
@@ -254,8 +260,8 @@ def _nearly_explained(p: Prepared, f: Fitted) -> bool:
     """Whether at most a slight part of the error is left in windows of the reported length, over all and at each joint:
     what one misses may drown in what others had, or in their noise."""
     report = fit_report(p, f, "choice", amounts_seen(p, f))
-    joints = [report.left_at(p.model.dof_jntid == j) for j in range(p.model.njnt)]
-    return max(report.left(rugged=False) ** 2, *joints) <= SLIGHT
+    there = left_at_joints(p, report, range(p.model.njnt))
+    return max(report.left(rugged=False) ** 2, there) <= SLIGHT
 
 
 def _longer_search(p: Prepared, s: Search, length: float, say: Callable[[str], None]) -> Search | None:

@@ -16,7 +16,7 @@ from mpge_jax.diagnosis.drives.command_to_force import ActuatorSide
 from mpge_jax.diagnosis.effects.context import Place
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
-from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report
+from mpge_jax.diagnosis.evidence.held_out_error import FitReport, errors_without, fit_report, left_at_joints
 from mpge_jax.diagnosis.evidence.joints_of_place import acted_on
 from mpge_jax.diagnosis.evidence.numerics_seen import amounts_seen
 from mpge_jax.diagnosis.selection.procedure import Found
@@ -82,10 +82,7 @@ def left_there(p: Prepared, at: Sequence[str], report: FitReport, rugged: bool) 
     Args:
         at, report: as in `left_of_motion`.
     """
-    if rugged:
-        return 0.0
-    here = {j for name in at for j in joints_at(p, name)}
-    return max((report.left_at(p.model.dof_jntid == j) for j in here), default=0.0)
+    return 0.0 if rugged else left_at_joints(p, report, {j for name in at for j in joints_at(p, name)})
 
 
 def matters(share: float, beside: Mapping[Term, Beside]) -> bool:
