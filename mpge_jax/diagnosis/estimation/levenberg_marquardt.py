@@ -17,6 +17,7 @@ from mpge_jax.diagnosis.estimation.parameter_steps import (
     corrected,
     promise,
     proposals,
+    too_slow,
     without_slopes,
 )
 from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
@@ -55,6 +56,7 @@ def fit(
     slopes: Slopes | None = None,
     anew: bool = True,
     still: Collection[Term] = (),
+    goal: float = np.inf,
 ) -> list[Fitted]:
     """Fit every start; returns them in order, with losses, information and covariances on `w`.
 
@@ -66,21 +68,26 @@ def fit(
         tolerance: share of the loss (of a tenth at least) that is no gain. stride: length of finite differences, in
             usual ones. slopes: of terms that the starts share, told near them: the fit begins with these. anew: slopes
             are simulated once more in the end; else information and covariances are those of the secants. still: terms
-        whose parameters stay as they are.
+        whose parameters stay as they are. goal: loss above which a fit is of no use: what would not get there at its
+        pace is given up.
     """
     problems = [
         Problem(f, f.hypothesis.params(sim.ctx), _of_terms(sim, f, still), stride=stride) for f in starts
     ]
     _verify(sim, problems, w, white, tolerance)
     _linearise(sim, problems, w, white, slopes)
-    for _ in range(iterations):
+    for left in reversed(range(iterations)):
         active = [p for p in problems if not p.done and p.params]
         if not active:
             break
+        for p in active:
+            p.losses.append(p.fit.loss)
         _advance(sim, active, w, white, tolerance, stride)
         ended = [p for p in active if p.done]
         _verify(sim, ended, w, white, tolerance)
         _linearise(sim, [p for p in ended if anew or not p.done], w, white)
+        for p in active:
+            p.done |= too_slow([*p.losses, p.fit.loss], left, goal)
     rest = [p for p in problems if not p.done]
     _verify(sim, rest, w, white, tolerance)
     if anew:

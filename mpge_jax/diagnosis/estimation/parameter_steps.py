@@ -17,6 +17,9 @@ FURTHER = (3.0, 8.0)
 STEEP = 0.25
 """Quantile of the windows' slopes (squared) as which steeper ones count, there."""
 
+PACE = 3
+"""Steps that tell the pace of a fit."""
+
 
 @dataclass
 class Problem:
@@ -31,7 +34,8 @@ class Problem:
         exactly: whether it goes by the model's own steps, as cheaper ones led it astray.
         stride: length of finite differences, in usual ones. smooth: whether slopes tell where to go. detoured: whether
         the effects' own proposals were tried.
-        small: steps without a gain. last: whether the step promises no further gain after it. done: whether it ended.
+        losses: before each step. small: steps without a gain. last: whether the step promises no further gain after it.
+        done: whether it ended.
     """
 
     fit: Fitted
@@ -48,6 +52,7 @@ class Problem:
     stride: float = 1.0
     smooth: bool = False
     detoured: bool = False
+    losses: list[float] = field(default_factory=list)
     small: int = 0
     last: bool = False
     done: bool = False
@@ -73,6 +78,19 @@ class Problem:
         theta = self.fit.theta
         h = self.stride * (0.02 * scale + 1e-4 * np.abs(theta))
         return np.where(theta + h > high, -h, h)
+
+
+def too_slow(losses: list[float], left: int, goal: float) -> bool:
+    """Whether steps that are `left` do not bring a loss below a goal at the pace of the better of the last two: gains
+    of a Gauss-Newton fit shrink.
+
+    Args:
+        losses: before and after each step so far.
+    """
+    if len(losses) <= PACE:
+        return False
+    pace = max(before - after for before, after in zip(losses[-3:], losses[-2:], strict=False))
+    return losses[-1] - left * pace > goal
 
 
 def proposals(p: Problem, ctx: Context) -> list[Array]:

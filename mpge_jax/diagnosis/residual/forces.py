@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.force_balance.balance import Balance
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.residual.formula import formula
 from mpge_jax.diagnosis.residual.hints import hinted
-from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
+from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen, turns
 from mpge_jax.diagnosis.residual.model import Function, ResidualModel, with_function, worthwhile
 from mpge_jax.diagnosis.residual.points import rows_of
 from mpge_jax.diagnosis.residual.regression import Blocks, best_function, told
@@ -47,7 +47,7 @@ def _function(p: Prepared, b: Balance, f: Fitted, place: Place) -> Function | No
     # what a drive gives is what is to be predicted
     known = {k: x for k, x in values.items() if not k.startswith(DRIVE)}
     missing = b.predicted_by(f) - b.telling
-    some = hinted(functions(known), place, [rows_of(p, b, f, missing, place)])
+    some = hinted(functions(known, turns(p, place)), place, [rows_of(p, b, f, missing, place)])
     best = best_function(told([(e, place.index, _blocks(b, f, e, place)) for e in some], b.fold))
     if best is None:
         return None

@@ -6,7 +6,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context, joint_unit
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.effects.residual.axis import ANGLE, Axis
+from mpge_jax.diagnosis.effects.residual.axis import ANGLE, WITHIN_TURN, Axis
 from mpge_jax.diagnosis.effects.residual.force import Residual
 
 Array = np.ndarray
@@ -30,7 +30,7 @@ def formula(effect: Residual, theta: Array, seen: dict[str, Array], term: Term, 
     Args:
         theta: values of the function. seen: values [N] of the inputs along the recordings.
     """
-    values = [np.clip(seen[a.key], a.low, a.high) for a in effect.axes]
+    values = [a.within(seen[a.key]) for a in effect.axes]
     target = np.asarray(effect.value(np, theta, values), dtype=float)
     whole = float(np.var(target))
     if whole <= 0:
@@ -65,9 +65,11 @@ def formula(effect: Residual, theta: Array, seen: dict[str, Array], term: Term, 
         parts.append(f"{x[0]:+.2g}")
     text = parts[0].removeprefix("+") + "".join(f" {part[0]} {part[1:]}" for part in parts[1:])
     ranges = " and ".join(
-        f"{a.low:.2g} < {a.letter} < {a.high:.2g} {a.unit(ctx, term.place)}" for a in effect.axes
+        f"{a.low:.2g} < {a.letter} < {a.high:.2g} {a.unit(ctx, term.place)}"
+        for a in effect.axes
+        if not a.around
     )
-    return f"about {text} {unit}, for {ranges}"
+    return f"about {text} {unit}" + (f", for {ranges}" if ranges else "")
 
 
 def _said(target: Array, groups: list[list[Array]]) -> float:
@@ -87,7 +89,9 @@ def _alone(axis: Axis, x: Array) -> list[Atom]:
     """Terms of one input."""
     name = axis.letter
     out: list[Atom] = [((name,), [x]), ((f"{name}^2",), [x**2]), ((f"{name}^3",), [x**3])]
-    if axis.input == ANGLE:
+    if axis.around:
+        out = []
+    if axis.input in (ANGLE, WITHIN_TURN):
         for n in WAVES:
             wave = f"sin({n if n > 1 else ''}{name} PHASE)"
             out.append(((wave, wave), [np.sin(n * x), np.cos(n * x)]))

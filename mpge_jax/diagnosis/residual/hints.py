@@ -17,13 +17,15 @@ HINTS = 4
 """Functions beside those of one input of the joint, at most, that are worth fitting."""
 FINER = {1: ((0,), (18,), (36,)), 2: ((0, 0), (18, 0), (0, 18))}
 """Values along each input that are tried, of one and of two inputs; 0: as usual. More are for what is narrow."""
+OF_A_TURN = ((72,), (144,))
+"""More of these, along the angle within a turn: teeth, notches and poles repeat many times in one."""
 
 
 def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) -> list[Residual]:
     """Forces of one input of the joint itself, and those of the other functions, of which there may be hundreds, that
     explain most of the force which pieces lack, told from other pieces; of those with two inputs also what one of these
     explains alone, as the other may add nothing. Travels since a turn are much alike, whatever the farthest one is:
-    they are half of those at most.
+    they are half of those at most. What repeats within a turn, however often, is one of the others.
 
     Args:
         tried: pieces of several lengths. The length counts at which most is explained: short pieces are blurred by
@@ -32,7 +34,11 @@ def hinted(candidates: list[Residual], place: Place, tried: Iterable[Pieces]) ->
     Returns:
         them, with as many values as the pieces show.
     """
-    plain = [e for e in candidates if len(e.axes) == 1 and not (e.coupled or e.dry or e.traced)]
+    plain = [
+        e
+        for e in candidates
+        if len(e.axes) == 1 and e.axes[0].parts == 1 and not (e.coupled or e.dry or e.traced)
+    ]
     others = [e for e in candidates if e not in plain]
     best: tuple[float, list[Residual]] = (0.0, [])
     telling = [these for these in tried if these.force.size >= 2 * FOLDS and these.force.any()]
@@ -53,7 +59,8 @@ def _is_part(one: Residual, whole: Residual) -> bool:
 
 def variants(effect: Residual) -> list[Residual]:
     """The function with each of the `FINER` values, the usual ones first."""
-    return [effect.told_by(knots) for knots in FINER[len(effect.axes)]]
+    turn = len(effect.axes) == 1 and effect.axes[0].around and effect.axes[0].parts == 1
+    return [effect.told_by(knots) for knots in FINER[len(effect.axes)] + (OF_A_TURN if turn else ())]
 
 
 def _promised(effect: Residual, place: Place, these: Pieces) -> float:

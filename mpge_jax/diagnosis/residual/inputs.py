@@ -10,7 +10,17 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.context import Place, default_places
-from mpge_jax.diagnosis.effects.residual.axis import ANGLE, DRIVE, LOAD, NAMED, SPEED, TURNED, Axis, key_of
+from mpge_jax.diagnosis.effects.residual.axis import (
+    ANGLE,
+    DRIVE,
+    LOAD,
+    NAMED,
+    SPEED,
+    TURNED,
+    Axis,
+    key_of,
+    part_of_turn,
+)
 from mpge_jax.diagnosis.effects.residual.force import Residual, driven_by
 from mpge_jax.diagnosis.effects.residual.since_turn import SinceTurn, travelled
 from mpge_jax.diagnosis.machine.model import has_plain_law, is_scalar
@@ -23,6 +33,8 @@ EDGES = (0.005, 0.995)
 """Quantiles of an input between which a function is told."""
 TURNS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 """Farthest travels since a turn, in units of the joint's typical range of motion, that are tried."""
+REPEATS = (1, 2, 3, 4, 5, 6, 8, 9, 10, 12, 16, 18, 20, 24, 30, 36)
+"""How often in a turn of a hinge a function may repeat."""
 ROWS = 4000
 """Rows, at most, from which ranges are taken and by which formulas are told."""
 
@@ -36,6 +48,11 @@ def places_of(p: Prepared, names: list[str]) -> list[Place]:
         if name in p.names.joints and is_scalar(p.model, p.names.joints.index(name)):
             out.append(Place("joint", name, p.names.joints.index(name)))
     return list(dict.fromkeys(out))
+
+
+def turns(p: Prepared, place: Place) -> bool:
+    """Whether a joint turns."""
+    return int(p.model.jnt_type[place.index]) == int(mujoco.mjtJoint.mjJNT_HINGE)
 
 
 def seen(p: Prepared, place: Place) -> dict[str, Array]:
@@ -107,23 +124,32 @@ def since_turns(p: Prepared, place: Place, qpos: Array) -> dict[str, Array]:
     return {axis.key: travelled(q, axis.high) for axis in axes}
 
 
-def functions(values: dict[str, Array]) -> list[Residual]:
-    """Functions of one and of two of the inputs, over the ranges in which these lay.
+def functions(values: dict[str, Array], hinge: bool) -> list[Residual]:
+    """Functions of one and of two of the inputs, over the ranges in which these lay. What turned far may be the
+    same after each turn, or after each of equal parts of it.
 
     Of two, both are of one joint, or one is of the joint on which the function acts. Dry friction depends on its own
     joint alone; what depends on the travel since a turn depends on nothing else.
+
+    Args:
+        values: [N] by `Axis.key`. hinge: whether the joint turns.
     """
-    axes, turns = [], []
+    axes, traced = [], []
     for key, x in values.items():
         if key.startswith(TURNED):
-            turns.append(Axis.since_turn(float(key.removeprefix(TURNED))))
+            traced.append(Axis.since_turn(float(key.removeprefix(TURNED))))
             continue
         low, high = np.quantile(x, EDGES)
         if high - low > 1e-9 * max(1.0, float(np.abs(x).max())):
             axes.append(Axis.of_key(key, float(f"{low:.6g}"), float(f"{high:.6g}")))
+            if hinge and key == ANGLE:
+                axes += [
+                    Axis.within_turn(n) for n in REPEATS if high - low > max(1, 2 * (n > 1)) * part_of_turn(n)
+                ]
     below = float(f"{max(float(np.abs(values[SPEED]).max()), 1e-6):.6g}")
     axes.sort(key=lambda a: a.joint)
-    several = [(a, b) for a, b in combinations(axes, 2) if a.joint in ("", b.joint)]
+    whole = [a for a in axes if a.parts == 1]
+    several = [(a, b) for a, b in combinations(whole, 2) if a.key != b.key and a.joint in ("", b.joint)]
     forces = [Residual(some, below) for some in [*((a,) for a in axes), *several]]
-    forces += [SinceTurn(axis, below) for axis in turns]
+    forces += [SinceTurn(axis, below) for axis in traced]
     return forces + [Residual(e.axes, below, dry=True) for e in forces if not (e.coupled or e.traced)]

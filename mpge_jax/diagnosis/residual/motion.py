@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.evidence.folds import folds
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.residual.formula import formula
 from mpge_jax.diagnosis.residual.hints import hinted, variants
-from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen
+from mpge_jax.diagnosis.residual.inputs import functions, places_of, seen, turns
 from mpge_jax.diagnosis.residual.model import (
     Function,
     ResidualModel,
@@ -94,7 +94,9 @@ def _function(p: Prepared, s: Search, f: Fitted, places: list[Place], w: Windows
     """The function at one of the places that explains most of what `f` leaves."""
     fold = folds(w.recording, w.start)
     known = {place: seen(p, place) for place in places}
-    candidates = [(e, x) for x in places for e in hinted(functions(known[x]), x, pieces(p, "train", f, x))]
+    candidates = [
+        (e, x) for x in places for e in hinted(functions(known[x], turns(p, x)), x, pieces(p, "train", f, x))
+    ]
     pulses = {x: Pulses.at(p, f, x, w) for x in places}
     longer = p.windows("train", p.config.report_s, WINDOWS, seed=18)
     now, term, theta, tried, fine = f, None, np.zeros(0), [], set[str]()

@@ -114,13 +114,18 @@ class Choice:
 def roughness(effect: Residual) -> Array:
     """[P, P] of squared second differences along every input, and a little of the values themselves."""
     each = [np.eye(count) for count in effect.counts]
-    second = [np.diff(one, 2, axis=0) for one in each]
+    second = [_second(one, axis.around) for one, axis in zip(each, effect.axes, strict=True)]
     along = [x.T @ x for x in second]
     if len(each) == 1:
         (rough,) = along
     else:
         rough = np.kron(along[0], each[1]) + np.kron(each[0], along[1])
     return rough + SMALL * np.eye(len(rough))
+
+
+def _second(x: Array, around: bool) -> Array:
+    """Second differences of rows; `around`, the first follows the last."""
+    return np.roll(x, -1, 0) - 2.0 * x + np.roll(x, 1, 0) if around else np.diff(x, 2, axis=0)
 
 
 def solved(gram: Array, push: Array, rough: Array, strengths: Array) -> Array:
@@ -169,7 +174,7 @@ def best_function(tried: list[Told]) -> Choice | None:
     """The plainest of the functions that predict as well as the best one does; None where there is none.
 
     Plain is what has few inputs, is a force, has the joint's own inputs, and known ones rather than computed ones (the
-    order of `INPUTS`).
+    order of `INPUTS`), and repeats often within a turn.
     """
     if not tried:
         return None
@@ -194,8 +199,12 @@ def fewest(tried: list[Choice]) -> Choice:
     return next(c for c in tried if not beyond_doubt(by_scatter(c.left - best.left)))
 
 
-def _elaborate(effect: Residual) -> tuple[int, bool, list[tuple[bool, int]]]:
-    return len(effect.axes), effect.dry, [(bool(a.joint), list(INPUTS).index(a.input)) for a in effect.axes]
+def _elaborate(effect: Residual) -> tuple[int, bool, list[tuple[bool, int, int]]]:
+    return (
+        len(effect.axes),
+        effect.dry,
+        [(bool(a.joint), list(INPUTS).index(a.input), -a.parts) for a in effect.axes],
+    )
 
 
 def smoothed(effect: Residual, place: int, b: Blocks | Rows, fold: Array) -> Choice:

@@ -19,7 +19,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import evaluate, fit
 from mpge_jax.diagnosis.estimation.screening import ELABORATE, PLAIN
-from mpge_jax.diagnosis.estimation.whitening import Whitener, usual_excess
+from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss, usual_excess
 from mpge_jax.diagnosis.evidence.scored import clearly_worse
 from mpge_jax.diagnosis.selection.closer_forms import in_common_forms
 from mpge_jax.diagnosis.selection.competition import at_noise, loud_in
@@ -43,11 +43,12 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
         return current
     white = s.whiten_one(current, s.train)
     # fewer of them explain less than all do, which may not be at their best yet: half the way must be done
-    most = 0.5 * (1.0 + REMAINS) * usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
+    now = usual_excess(evaluate(s.sim, [current], s.train, white)[0].loss)
+    most = float(robust_loss(np.array(0.5 * (1.0 + REMAINS) * now)))
     told = _by_forces(s, white)
     fits = _promising(s, told, white, most)
     if not _any_at_noise(s, fits):
-        together = _together(s, current, white)
+        together = _together(s, current, white, most)
         told, fits = told + together, fits + _promising(s, together, white, most)
     if not told:
         return current
@@ -71,9 +72,9 @@ def everywhere(s: Search, current: Fitted) -> Fitted:
 
 
 def _promising(s: Search, fits: list[Fitted], white: Whitener, most: float) -> list[Fitted]:
-    """Those that leave less than the `most`, in the forms that effects have alike in the whole machine: in a wrong one
+    """Those with less than the `most` loss, in the forms that effects have alike in the whole machine: in a wrong one
     of what all joints have, further effects stand for what that leaves."""
-    formed = [in_common_forms(s, f) for f in fits if usual_excess(f.loss) < most]
+    formed = [in_common_forms(s, f) for f in fits if f.loss < most]
     return evaluate(s.sim, formed, s.train, white)
 
 
@@ -93,24 +94,25 @@ def _by_forces(s: Search, white: Whitener) -> list[Fitted]:
     return fit(s.sim, [told], s.train, white, iterations=8)
 
 
-def _together(s: Search, current: Fitted, white: Whitener) -> list[Fitted]:
-    """Effects in every joint or drive on top of what is known, fitted at once."""
+def _together(s: Search, current: Fitted, white: Whitener, most: float) -> list[Fitted]:
+    """Effects in every joint or drive on top of what is known, fitted at once, as long as they may get below the `most`
+    loss."""
     joints = [*(_with_all(s, current, keep) for keep in (False, True)), _with_all_laws(s, current)]
     drives = [_with_every_drive(s, current, (effect,)) for effect in IN_EVERY_DRIVE]
     starts = [f for f in (*joints, *drives) if f is not None]
     if not starts:
         return []
     s.say("trying friction, damping and rotor inertia in every joint, and what drives have in common")
-    fits = fit(s.sim, starts, s.train, white, iterations=8)
-    if _any_at_noise(s, fits):
+    fits = fit(s.sim, starts, s.train, white, iterations=8, goal=most)
+    if _any_at_noise(s, [f for f in fits if f.loss < most]):
         return fits
     both = [_with_every_drive(s, joints[0] or current, effects) for effects in LATE_AND_WEAK]
     better = sorted((f for f in both if f is not None), key=lambda f: f.loss)[:1]
-    fits += fit(s.sim, better, s.train, white, iterations=8) if better else []
-    fits[0] = _with_load(s, fits[0], white)
+    fits += fit(s.sim, better, s.train, white, iterations=8, goal=most) if better else []
+    fits[0] = _with_load(s, fits[0], white, most)
     # where every joint lacks something, the masses were hardly weighed either
     free = with_given(s, fits[0])
-    return fits + ([] if free is None else fit(s.sim, [free], s.train, white, iterations=8))
+    return fits + ([] if free is None else fit(s.sim, [free], s.train, white, iterations=8, goal=most))
 
 
 def due(s: Search, current: Fitted) -> bool:
@@ -156,13 +158,13 @@ def _with_all_laws(s: Search, current: Fitted) -> Fitted | None:
     return Fitted.start(ctx, parts | current.hypothesis.split(ctx, current.theta))
 
 
-def _with_load(s: Search, f: Fitted, white: Whitener) -> Fitted:
+def _with_load(s: Search, f: Fitted, white: Whitener, most: float) -> Fitted:
     """`f`, or with a mass more at the body where that promises most, if windows are predicted better with it."""
     loads = [t for t in s.terms if t.id == LOAD and compatible(f.hypothesis, t)]
     found = s.screened(f, s.sample(f, white), loads) if loads else []
     if not found:
         return f
-    (loaded,) = fit(s.sim, found[:1], s.train, white, iterations=8)
+    (loaded,) = fit(s.sim, found[:1], s.train, white, iterations=8, goal=most)
     more, less = s.score([loaded, f], s.whiten(loaded))
     return loaded if needed(more, less) else f
 

@@ -272,9 +272,10 @@ def _shifts(runs: list[Run], w: Windows) -> Array:
 
 
 def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Without what simulated windows do not need: resets, and the search for contacts where there are none."""
+    """Without what simulated windows do not need: resets, the search for contacts where there are none, and that for
+    islands, which takes longer than it saves in a single machine."""
     model, off = copy.copy(model), mujoco.mjtDisableBit
-    model.opt.disableflags |= int(off.mjDSBL_AUTORESET)
+    model.opt.disableflags |= int(off.mjDSBL_AUTORESET) | int(off.mjDSBL_ISLAND)
     if never_touches(model):
         model.opt.disableflags |= int(off.mjDSBL_CONTACT)
     return model

@@ -14,7 +14,7 @@ from mpge_jax.diagnosis.estimation import levenberg_marquardt
 from mpge_jax.diagnosis.estimation.covariance import finish, jackknife, recordings_differ, widened
 from mpge_jax.diagnosis.estimation.estimate import NOTHING, Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import _better, _tried, fit, timing_error
-from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond
+from mpge_jax.diagnosis.estimation.parameter_steps import Problem, beyond, too_slow
 from mpge_jax.diagnosis.selection.backward_elimination import final_fit, refined
 from tests.diagnosis.machines import BOX, FINE_PENDULUM, PENDULUM, really_sticks, record
 from tests.diagnosis.searches import COULOMB, DAMPING, HINGE, fitted, search_of
@@ -72,6 +72,25 @@ def test_terms_that_are_to_stay_do(rubbing_finely):
     np.testing.assert_array_equal(held.theta[part[DAMPING]], [0.03])
     assert free.theta[part[DAMPING]] < 0.02 and free.theta[part[COULOMB]] > 2 * held.theta[part[COULOMB]]
     assert free.loss < held.loss < fit(s.sim, [start], s.train, white, iterations=0)[0].loss
+
+
+def test_a_fit_is_given_up_where_it_would_not_get_there_at_its_pace(rubbing_finely):
+    losses = [9.0, 6.0, 4.5, 3.7]
+    # the better of the last two steps gained 1.5: 3.7 - 2 * 1.5 = 0.7
+    assert too_slow(losses, 2, 0.6) and not too_slow(losses, 2, 0.8)
+    assert not too_slow(losses[:3], 0, 0.6), "two steps tell no pace"
+    assert not too_slow([9.0, 6.0, 4.5, 4.5], 3, 0.1), "a step that was refused says nothing"
+    assert not too_slow(losses, 2, np.inf)
+
+    s, _ = rubbing_finely
+    start, white = fitted(s, {DAMPING: [0.0]}), s.whiten_one(NOTHING, s.train)
+    (whole,) = fit(s.sim, [start], s.train, white)
+    before = s.sim.work
+    (to_end,) = fit(s.sim, [start], s.train, white, goal=1.01 * whole.loss)
+    enough = s.sim.work - before
+    assert to_end.theta == pytest.approx(whole.theta)
+    (given_up,) = fit(s.sim, [start], s.train, white, goal=0.0)
+    assert s.sim.work - before - enough < enough and whole.loss <= given_up.loss
 
 
 def test_detours_are_taken_at_first_and_then_where_slopes_lead_nowhere(rubbing_finely, monkeypatch):

@@ -21,9 +21,9 @@ ANGLE, SPEED = Axis("q", -1.2, 1.2), Axis("v", -4.0, 4.0)
 
 def said(axes, law) -> str | None:
     rng = np.random.default_rng(0)
-    seen = {a.input: rng.uniform(a.low, a.high, 2000) for a in axes}
+    seen = {a.key: rng.uniform(a.low, a.high, 2000) for a in axes}
     effect = Residual(axes, 4.0)
-    values = [seen[a.input] for a in axes]
+    values = [seen[a.key] for a in axes]
     theta = np.linalg.lstsq(np.array(effect.basis(np, values)).T, law(*values), rcond=None)[0]
     return formula(effect, theta, seen, Term(effect.id, HINGE), CTX)
 
@@ -41,6 +41,12 @@ def said(axes, law) -> str | None:
             (ANGLE, SPEED),
             lambda q, v: 0.2 * q * v,
             "about 0.2 q v N m, for -1.2 < q < 1.2 rad and -4 < v < 4 rad/s",
+        ),
+        ((Axis.within_turn(),), lambda q: 0.2 * np.sin(q - 0.5), "about 0.2 sin(q -0.5) N m"),
+        (
+            (Axis.within_turn(), SPEED),
+            lambda q, v: -0.1 * v * np.cos(q),
+            "about 0.1 v sin(q -1.6) N m, for -4 < v < 4 rad/s",
         ),
     ],
 )

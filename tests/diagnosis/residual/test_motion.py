@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.residual.inputs import places_of, seen
 from mpge_jax.diagnosis.residual.model import Function, with_function
 from mpge_jax.diagnosis.residual.motion import residual_of_motion
 from mpge_jax.diagnosis.residual.regression import Blocks, Choice
-from tests.diagnosis.machines import PENDULUM, really_sticks, record
+from tests.diagnosis.machines import FINE_PENDULUM, PENDULUM, really_sticks, record
 from tests.diagnosis.searches import COULOMB, GAIN, HINGE, fitted, search_of
 
 
@@ -76,6 +76,25 @@ def test_a_spring_that_yields_and_remembers_is_learned():
     assert found is not None and found.after < 0.5 * found.before
     (function,) = found.functions
     assert [a.input for a in function.axes] == ["z"] and 0.07 < function.axes[0].high < 0.3
+
+
+@pytest.mark.slow
+def test_notches_of_a_wheel_are_learned():
+    """A ball that a spring presses into five notches of a wheel: narrow, and the same at each."""
+
+    def force(_model, data):
+        beside = (data.qpos[0] - 0.3 + np.pi / 5) % (2 * np.pi / 5) - np.pi / 5
+        data.qfrc_applied[0] = -2.0 * beside * np.exp(-0.5 * (beside / 0.08) ** 2)
+
+    wheel = FINE_PENDULUM.replace("0 0 0 0 0 -.3", "0 0 .15 0 0 -.15").replace(
+        'damping="0.02"', 'damping="0.08"'
+    )
+    s, p = search_of(wheel, record(wheel, 0.4, force=force, count=4, seconds=4.0))
+    held = fit_report(p, NOTHING, "test")
+    found = residual_of_motion(p, s, NOTHING, ["hinge"], (p, NOTHING), held)
+    assert found is not None and found.after < 0.2 * found.before
+    ((axis,),) = (function.axes for function in found.functions)
+    assert axis.around and axis.parts == 5
 
 
 def test_what_acts_in_few_windows_is_learned():

@@ -33,7 +33,9 @@ def told(rubbing):
 def test_functions_do_what_the_pulses_say(told, inputs):
     p, f, w, white, pulses = told
     want = tuple(x for x in inputs if x != "dry"), "dry" in inputs
-    effect = [e for e in functions(seen(p, HINGE)) if (tuple(a.input for a in e.axes), e.dry) == want][-1]
+    effect = [e for e in functions(seen(p, HINGE), True) if (tuple(a.input for a in e.axes), e.dry) == want][
+        -1
+    ]
     term, rng = Term(effect.id, HINGE), np.random.default_rng(0)
     theta = 1e-3 * rng.standard_normal(effect.size)
     runs = [Run(g.hypothesis, g.theta) for g in (f, with_function(p.ctx, f, term, theta))]
@@ -64,7 +66,7 @@ def test_inputs_within_windows_are_those_of_the_recording(told):
 def test_every_function_can_be_told(told):
     p, _, w, white, pulses = told
     answers = pulses.seen_by(white, np.ones(w.count))
-    for effect in functions(seen(p, HINGE)):
+    for effect in functions(seen(p, HINGE), True):
         gram, push = answers.of(effect).summed()
         assert (
             gram.shape == (effect.size, effect.size) and np.isfinite(push).all() and np.abs(gram).max() > 0.0

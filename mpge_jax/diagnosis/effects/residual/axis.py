@@ -8,27 +8,36 @@ from dataclasses import dataclass
 import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context, Place, joint_unit
+from mpge_jax.diagnosis.effects.step import Array
 
-ANGLE, SPEED, DRIVE, LOAD, TURNED = "q", "v", "f", "l", "z"
+WITHIN_TURN, ANGLE, SPEED, DRIVE, LOAD, TURNED = "a", "q", "v", "f", "l", "z"
 INPUTS = {
+    WITHIN_TURN: "angle of the joint within a part of a turn",
     ANGLE: "position of the joint",
     SPEED: "speed of the joint",
     DRIVE: "force of the joint's drives",
     LOAD: "force of gravity and of the other links on the joint",
     TURNED: "travel of the joint since it turned",
 }
-"""The travel since a turn lies between minus and plus a farthest one: it begins at one end and stays at the other."""
+"""Of the angle within a turn, or within one of equal parts of it (of teeth, notches or poles), a function is the same
+after each. The travel since the
+joint turned back lies between minus and plus a farthest one: it begins at one end and stays at the other."""
 OF_OTHERS = (ANGLE, SPEED, DRIVE)
 """Inputs that may be another joint's: a coupling of joints, or of their drives."""
 NAMED = r"[^\[\],@]+"
 """Names of other joints that an identifier can hold."""
-AXIS = rf"([qvf]@{NAMED}|[qvflz])\[([^\[\],]+),([^\[\],]+)(?:,(\d+))?\]"
+AXIS = rf"([qvf]@{NAMED}|[aqvflz])\[([^\[\],]+),([^\[\],]+)(?:,(\d+))?\]"
 """An axis in an identifier: its input, the ends of its range, and `Axis.knots` where these are not the usual."""
 KNOTS = {1: 9, 2: 6}
 """Values by which a function is told along each input, of one and of two inputs, where nothing says that it needs
 more."""
 LEAST = 4
 """Values that a cubic spline has at least."""
+
+
+def part_of_turn(parts: int) -> float:
+    """One of so many equal parts of a turn (rad), as identifiers have it."""
+    return float(f"{2.0 * np.pi / parts:.6g}")
 
 
 def key_of(which: str, joint: str = "") -> str:
@@ -58,6 +67,7 @@ class Axis:
             or not np.isfinite([self.low, self.high]).all()
             or not self.low < self.high
             or (self.input == TURNED and self.low != -self.high)
+            or (self.around and (self.low, self.high) != (0.0, part_of_turn(self.parts)))
             or 0 != self.knots < LEAST
         ):
             raise ValueError(
@@ -76,20 +86,42 @@ class Axis:
         most = float(f"{most:.6g}")
         return Axis(TURNED, -most, most)
 
+    @staticmethod
+    def within_turn(parts: int = 1) -> Axis:
+        """Of the angle within one of so many equal parts of a turn."""
+        return Axis(WITHIN_TURN, 0.0, part_of_turn(parts))
+
+    @property
+    def around(self) -> bool:
+        """Whether the end of the range is its beginning."""
+        return self.input == WITHIN_TURN
+
+    @property
+    def parts(self) -> int:
+        """Ranges in a turn, where their ends are their beginnings; else 1."""
+        return max(round(2.0 * np.pi / self.high), 1) if self.around and self.high > 0.0 else 1
+
     @property
     def key(self) -> str:
-        """See `key_of`; 'z0.05' of the travel since the joint turned, which goes as far as the range does."""
+        """What its values are: see `key_of`; 'z0.05' of the travel since the joint turned, which goes as far as the
+        range does; the position of the joint, of the angle within a turn."""
+        if self.around:
+            return ANGLE
         return f"{TURNED}{self.high:.6g}" if self.input == TURNED else key_of(self.input, self.joint)
 
     @property
     def letter(self) -> str:
         """As formulas have it: 'q', or 'q(elbow)' of another joint."""
-        return f"{self.input}({self.joint})" if self.joint else self.input
+        return f"{self.input}({self.joint})" if self.joint else self.key[0]
 
     @property
     def says(self) -> str:
         """'position of the joint' on which the function acts, 'position of the elbow' of another one."""
         said = INPUTS[self.input]
+        if self.around:
+            return said.replace(
+                "a part of a turn", "a turn" if self.parts == 1 else f"1/{self.parts} of a turn"
+            )
         return said.replace("the joint", f"the {self.joint}") if self.joint else said
 
     def place(self, ctx: Context, acts: Place) -> Place:
@@ -100,10 +132,18 @@ class Axis:
             raise ValueError(f"the model has no joint '{self.joint}', on which a residual depends.")
         return Place("joint", self.joint, ctx.names.joints.index(self.joint))
 
+    def within(self, x: np.ndarray) -> np.ndarray:
+        """Values [...] as they lie in the range: at the end of it beyond, or in the same place of another turn."""
+        return np.mod(x, 2.0 * np.pi / self.parts) if self.around else np.clip(x, self.low, self.high)
+
+    def share(self, x: Array) -> Array:
+        """Which part [...] of the range, or of how many ranges one after the other, lies before values [...]."""
+        return x * (self.parts / (2.0 * np.pi)) if self.around else (x - self.low) / (self.high - self.low)
+
     def unit(self, ctx: Context, acts: Place) -> str:
         place = self.place(ctx, acts)
         angle, force = joint_unit(ctx, place, "rad", "m"), joint_unit(ctx, place, "N m", "N")
-        return {ANGLE: angle, TURNED: angle, SPEED: f"{angle}/s"}.get(self.input, force)
+        return {WITHIN_TURN: angle, ANGLE: angle, TURNED: angle, SPEED: f"{angle}/s"}.get(self.input, force)
 
     def __str__(self) -> str:
         many = f",{self.knots}" if self.knots else ""

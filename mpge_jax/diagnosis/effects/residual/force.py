@@ -11,7 +11,7 @@ import numpy as np
 from mpge_jax.diagnosis.effects.base import Effect
 from mpge_jax.diagnosis.effects.context import Context, Param, Place, joint_unit
 from mpge_jax.diagnosis.effects.friction.dry import FIELDS, stiff_dry_friction
-from mpge_jax.diagnosis.effects.residual.axis import ANGLE, KNOTS, LOAD, SPEED, TURNED, Axis
+from mpge_jax.diagnosis.effects.residual.axis import ANGLE, KNOTS, LOAD, SPEED, TURNED, WITHIN_TURN, Axis
 from mpge_jax.diagnosis.effects.step import Array, Fields, Forces, Step
 from mpge_jax.diagnosis.machine.model import is_joint_transmission
 
@@ -20,10 +20,14 @@ FADES = 0.5
 """Share of the greatest speed seen over which force that drives a joint on fades beyond that speed."""
 
 
-def splines(xp: Any, x: Array, count: int) -> list[Array]:
-    """`count` uniform cubic B-splines over [0, 1] at x [...]; outside as at the ends. They sum to one."""
-    t = xp.clip(x, 0.0, 1.0) * (count - 3)
-    u = xp.abs(t[None] - np.arange(-1.0, count - 1.0).reshape(count, *(1,) * np.ndim(t)))
+def splines(xp: Any, x: Array, count: int, around: bool = False) -> list[Array]:
+    """`count` uniform cubic B-splines over [0, 1] at x [...]; outside as at the ends, or, `around`, as if 1 were 0.
+    They sum to one."""
+    t = count * xp.mod(x, 1.0) if around else xp.clip(x, 0.0, 1.0) * (count - 3)
+    first = 0.0 if around else -1.0
+    u = xp.abs(t[None] - (first + np.arange(count)).reshape(count, *(1,) * np.ndim(t)))
+    if around:
+        u = xp.minimum(u, count - u)
     rest = xp.maximum(2.0 - u, 0.0)
     # products: numpy takes several times as long for a third power
     near, far = 2.0 / 3.0 - u * u * (1.0 - 0.5 * u), rest * rest * rest / 6.0
@@ -99,7 +103,7 @@ class Residual(Effect):
     def basis(self, xp: Any, values: list[Array]) -> list[Array]:
         """The functions [...] whose sum, each times its parameter, is the force: every product of splines."""
         along = [
-            splines(xp, (x - a.low) / (a.high - a.low), count)
+            splines(xp, a.share(x), count, a.around)
             for a, count, x in zip(self.axes, self.counts, values, strict=True)
         ]
         return along[0] if len(along) == 1 else [one * other for one in along[0] for other in along[1]]
@@ -135,7 +139,7 @@ class Residual(Effect):
 
 
 def _value(which: str, ctx: Context, place: Place, s: Step) -> Array:
-    if which == ANGLE:
+    if which in (ANGLE, WITHIN_TURN):
         return s.q[..., ctx.qadr(place)]
     if which == SPEED:
         return s.v[..., ctx.dof(place)]

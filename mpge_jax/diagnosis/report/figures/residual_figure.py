@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from mpge_jax.diagnosis.effects.context import Context, joint_unit
-from mpge_jax.diagnosis.effects.residual.axis import ANGLE, DRIVE, LOAD, SPEED, TURNED, Axis
+from mpge_jax.diagnosis.effects.residual.axis import ANGLE, DRIVE, LOAD, SPEED, TURNED, WITHIN_TURN, Axis
 from mpge_jax.diagnosis.force_balance.force_errors import ForceErrors
 from mpge_jax.diagnosis.report.figures import drawing
 from mpge_jax.diagnosis.report.figures.drawing import CORRECTED, MEASURED
@@ -19,9 +19,10 @@ from mpge_jax.diagnosis.residual.points import Points, missing_in_forces, missin
 from mpge_jax.diagnosis.verdict.result import Result
 
 Array = np.ndarray
-FUNCTIONS, GRID = 4, 120
+FUNCTIONS, GRID = 4, 360
 """Functions that are shown at most, and values of every input by which they are drawn."""
 SHORT = {
+    WITHIN_TURN: "angle within a turn",
     ANGLE: "position",
     SPEED: "speed",
     DRIVE: "force of the drives",
@@ -53,7 +54,16 @@ def _curve(ctx: Context, function: Function, points: Points, ax: Axes) -> None:
     (axis,), effect = function.axes, function.effect
     x = np.linspace(axis.low, axis.high, GRID)
     y = effect.value(np, function.theta, [x])
-    ax.plot(points.inputs[0], points.force, "o", ms=3, color=MEASURED, alpha=0.55, mew=0, label=POINTS)
+    ax.plot(
+        _drawn(axis, points.inputs[0]),
+        points.force,
+        "o",
+        ms=3,
+        color=MEASURED,
+        alpha=0.55,
+        mew=0,
+        label=POINTS,
+    )
     ax.plot(x, y, color=CORRECTED, lw=2.0, label="function")
     ax.set_ylim(*span(y, (points.force,), 0.0))
     ax.set_xlabel(_named(ctx, function, axis))
@@ -67,7 +77,8 @@ def _map(ctx: Context, function: Function, points: Points, row: SubFigure) -> No
     effect, (first, second) = function.effect, function.axes
     left, right = row.subplots(1, 2, width_ratios=(3, 2))
     x, y = (np.linspace(a.low, a.high, GRID) for a in (first, second))
-    here = [np.clip(v, a.low, a.high) for v, a in zip(points.inputs, function.axes, strict=True)]
+    drawn_at = [_drawn(a, v) for v, a in zip(points.inputs, function.axes, strict=True)]
+    here = [a.within(v) for v, a in zip(points.inputs, function.axes, strict=True)]
     said = effect.value(np, function.theta, here)
     shade = effect.value(np, function.theta, list(np.meshgrid(x, y)))
     # by what was seen: in corners where nothing was, a function of splines may be anything
@@ -75,9 +86,7 @@ def _map(ctx: Context, function: Function, points: Points, row: SubFigure) -> No
     most = max(float(np.quantile(np.abs(seen), 0.98)), 1e-12)
     colour = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
     drawn = left.pcolormesh(x, y, shade, shading="nearest", rasterized=True, **colour)
-    left.scatter(
-        *points.inputs, c=points.force, s=16, edgecolors=MEASURED, linewidths=0.5, label=POINTS, **colour
-    )
+    left.scatter(*drawn_at, c=points.force, s=16, edgecolors=MEASURED, linewidths=0.5, label=POINTS, **colour)
     left.set_xlim(first.low, first.high)
     left.set_ylim(second.low, second.high)
     left.set_xlabel(_named(ctx, function, first))
@@ -90,6 +99,11 @@ def _map(ctx: Context, function: Function, points: Points, row: SubFigure) -> No
     right.set_ylabel(POINTS)
     right.set_ylim(*span(np.append(said, 0.0), (points.force,), 0.0))
     right.grid(alpha=0.25)
+
+
+def _drawn(axis: Axis, x: Array) -> Array:
+    """Where values [N] stand along an axis."""
+    return axis.within(x) if axis.around else x
 
 
 def _force(ctx: Context, function: Function) -> str:

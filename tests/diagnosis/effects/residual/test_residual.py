@@ -27,6 +27,7 @@ OF_BOTH = Residual((Axis("q", -1.0, 1.0), Axis("v", -3.0, 3.0)), 3.0)
 ROUGH = Residual((Axis("q", -1.0, 1.0),), 3.0, dry=True)
 FINE = ROUGH.told_by((18,))
 BENDS = SinceTurn(Axis.since_turn(0.05), 3.0)
+NOTCHES = Residual((Axis.within_turn(6),), 3.0).told_by((12,))
 FINE_TRAVEL = BENDS.told_by((18,))
 
 
@@ -56,6 +57,28 @@ def test_splines_share_out_one_and_stay_at_their_ends():
     ) == pytest.approx(2.0)
 
 
+def test_around_a_turn_they_have_no_ends():
+    x = np.random.default_rng(0).uniform(-2.0, 3.0, 200)
+    parts = np.array(splines(np, x, 9, around=True))
+    np.testing.assert_allclose(parts.sum(0), 1.0)
+    np.testing.assert_allclose(parts, splines(np, x + 1.0, 9, around=True), atol=1e-12)
+    # each is the one before it, a ninth of a turn on
+    np.testing.assert_allclose(parts[4], np.array(splines(np, x + 1.0 / 9, 9, around=True))[5], atol=1e-12)
+    np.testing.assert_allclose(parts[0], np.array(splines(np, x + 1.0 / 9, 9, around=True))[1], atol=1e-12)
+
+
+def test_what_repeats_in_a_turn_is_the_same_after_each_part():
+    theta, turn = np.random.default_rng(1).normal(size=12), 2 * np.pi
+    for q in np.linspace(-40.0, 40.0, 9):
+        here = force(NOTCHES, theta, q, 0.0)
+        assert force(NOTCHES, theta, q + turn / 6, 0.0) == pytest.approx(here)
+        assert force(NOTCHES, theta, q + 50 * turn, 0.0) == pytest.approx(here)
+    assert np.ptp([force(NOTCHES, theta, q, 0.0) for q in np.linspace(0, turn / 6, 20)]) > 0.5
+    (axis,) = NOTCHES.axes
+    assert (axis.parts, axis.key, axis.letter) == (6, "q", "q")
+    assert axis.within(np.array([-0.1]))[0] == pytest.approx(turn / 6 - 0.1)
+
+
 def test_beyond_what_was_seen_it_is_bounded_and_only_brakes():
     effect = Residual((Axis("v", -3.0, 3.0),), 3.0)
     pushes = np.full(9, 0.7)
@@ -75,6 +98,8 @@ def test_an_identifier_says_it_all():
         FINE,
         FINE_TRAVEL,
         COUPLED,
+        NOTCHES,
+        Residual((Axis.within_turn(), Axis("v", -1.0, 1.0)), 3.0),
         ROUGH,
         BENDS,
     ):
@@ -97,6 +122,7 @@ def test_an_identifier_says_it_all():
     )
     # a travel goes as far one way as the other, is the joint's own, alone, and no level of dry friction
     turned = ("z[-0.1,0.2]", "z@elbow[-0.1,0.1]", "z[-0.1,0.1]q[0,1]", "dry:z[-0.1,0.1]")
+    turned += ("a[0,1]", "a@elbow[0,6.28319]")
     for wrong in (*broken, *(f"residual:{x}below 3" for x in turned)):
         with pytest.raises(KeyError):
             REGISTRY[wrong]
@@ -112,8 +138,9 @@ def test_an_identifier_says_it_all():
         ("l", 0.0, 1.0, "elbow"),
         ("q", 0.0, 1.0, "el[bow"),
         ("q", 0.0, 1.0, "", 3),
+        ("a", 0.0, 2.0),
     ):
-        with pytest.raises(ValueError, match="one of q, v, f, l, z with a range"):
+        with pytest.raises(ValueError, match="one of a, q, v, f, l, z with a range"):
             Axis(*wrong)
 
 
@@ -168,8 +195,9 @@ def test_its_force_is_the_same_in_numpy_and_in_jax():
         (ARM, CROSSTALK, "elbow", 2.0),
         (PENDULUM, ROUGH, "hinge", 0.1),
         (PENDULUM, BENDS, "hinge", 0.1),
+        (PENDULUM, NOTCHES, "hinge", 0.2),
     ],
-    ids=["own", "coupled", "dry", "since a turn"],
+    ids=["own", "coupled", "dry", "since a turn", "within a turn"],
 )
 def test_it_moves_the_machine_alike_in_c_and_in_jax(xml, effect, at, size):
     values = list(size * np.random.default_rng(0).normal(size=effect.size))
