@@ -12,6 +12,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine import model_files
+from mpge_jax.diagnosis.machine.simple_bodies import as_compiled, may_slide_only
 
 TAKEN = 9
 """Where in `actuator_biasprm` the gain on speed of a drive lies that an effect computes in place of the engine, which
@@ -135,9 +136,12 @@ def compile_variable(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Compile with the constant-inertia shortcuts off, so that masses and frames may vary per simulation."""
     try:
         spec = _explicit(spec.copy())
+        plain = spec.copy()
         for body in spec.bodies[1:]:
             body.simple = False
         model = spec.compile()
+        if may_slide_only(model):
+            as_compiled(model, plain.compile())
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"MuJoCo cannot compile the model: {' '.join(str(error).split())}") from None
     model.actuator_biasprm[model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE, TAKEN] = 0.0

@@ -21,6 +21,7 @@ from mpge_jax.diagnosis.simulation.guided import Guide
 from mpge_jax.diagnosis.simulation.pushes import Push, by_step
 from mpge_jax.diagnosis.simulation.remembered import Remembered
 from mpge_jax.diagnosis.simulation.runtime_effects import Group, Runtime
+from mpge_jax.diagnosis.simulation.slider_weights import weigh_anew
 from mpge_jax.diagnosis.simulation.trajectories import Commands, by_the_engine, step_by_step
 from mpge_jax.diagnosis.simulation.windows import Windows
 
@@ -246,7 +247,9 @@ class Simulator:
             if g.term.effect.set_const:
                 derived.append(g.rows)
         if derived:
-            batch.set_const(np.unique(np.concatenate(derived)))
+            rows = np.unique(np.concatenate(derived))
+            batch.set_const(rows)
+            weigh_anew(BatchFields(batch, rows), self.model)
 
     def _changed(self, groups: list[Group], w: Windows, window: Array) -> dict[int, tuple[Array, Array]]:
         """Command timelines that are not the windows': actuator -> (rows, [rows, H + K])."""

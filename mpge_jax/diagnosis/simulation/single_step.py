@@ -14,6 +14,7 @@ from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.effects.native import field_of
 from mpge_jax.diagnosis.effects.step import Array, Fields, Step
 from mpge_jax.diagnosis.machine.model import TAKEN, clipped, has_plain_law, is_joint_transmission
+from mpge_jax.diagnosis.simulation.slider_weights import weigh_anew
 
 
 class ModelFields(Fields):
@@ -60,6 +61,7 @@ class Machine:
             term.effect.model(fields, ctx, term.place, np.asarray(theta, dtype=float))
         if any(t.effect.set_const for t in terms):
             mujoco.mj_setConst(model, mujoco.MjData(model))
+            weigh_anew(fields, ctx.model)
         return Machine(model, replace(ctx), terms, tuple(np.asarray(t, dtype=float) for t in thetas))
 
     @property
