@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -12,9 +14,11 @@ from mpge_jax.diagnosis.machine.model import compile_variable
 from mpge_jax.diagnosis.machine.simple_bodies import may_slide_only, sliders
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.single_step import Machine
+from tests.diagnosis import machines
 from tests.diagnosis.machines import ARM, record
 from tests.diagnosis.searches import prepared_of
 
+ROBOTS = sorted((Path(__file__).parents[3] / "experiments/blind/robots/mjcf").glob("*.xml"))
 GRIPPER = """<mujoco><option timestep="0.001" integrator="implicitfast"/><worldbody>
 <body name="block"><joint name="carriage" type="slide" axis="0 1 0" stiffness="200" damping="4"/>
 <geom name="block" type="box" size=".02 .016 .03" mass=".3"/></body>
@@ -33,6 +37,23 @@ def as_mujoco(armature: float = 0.1, masses: float = 1.0) -> mujoco.MjModel:
     for geom in spec.geoms:
         geom.mass *= masses
     return spec.compile()
+
+
+EVERY = {"GRIPPER": GRIPPER} | {k: x for k, x in vars(machines).items() if str(x).startswith("<mujoco")}
+EVERY |= {path.stem: path.read_text() for path in ROBOTS}
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_variable_model_moves_as_the_given_one(name):
+    spec, ends = mujoco.MjSpec.from_string(EVERY[name]), []
+    for m in (spec.copy().compile(), compile_variable(spec)):
+        data, rng = mujoco.MjData(m), np.random.default_rng(0)
+        data.qvel[:] = 0.3 * rng.standard_normal(m.nv)
+        for _ in range(10):
+            data.ctrl[:] = 0.3 * rng.standard_normal(m.nu)
+            mujoco.mj_step(m, data, 20)
+        ends.append(np.array(data.qpos))
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-9)
 
 
 def weights(m: mujoco.MjModel) -> np.ndarray:
