@@ -143,9 +143,8 @@ def functions(values: dict[str, Array], hinge: bool) -> list[Residual]:
         if high - low > 1e-9 * max(1.0, float(np.abs(x).max())):
             axes.append(Axis.of_key(key, float(f"{low:.6g}"), float(f"{high:.6g}")))
             if hinge and key == ANGLE:
-                axes += [
-                    Axis.within_turn(n) for n in REPEATS if high - low > max(1, 2 * (n > 1)) * part_of_turn(n)
-                ]
+                # what repeats was seen twice; of a whole turn, more than once
+                axes += [Axis.within_turn(n) for n in REPEATS if high - low > min(n, 2) * part_of_turn(n)]
     below = float(f"{max(float(np.abs(values[SPEED]).max()), 1e-6):.6g}")
     axes.sort(key=lambda a: a.joint)
     whole = [a for a in axes if a.parts == 1]

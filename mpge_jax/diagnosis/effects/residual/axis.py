@@ -19,9 +19,9 @@ INPUTS = {
     LOAD: "force of gravity and of the other links on the joint",
     TURNED: "travel of the joint since it turned",
 }
-"""Of the angle within a turn, or within one of equal parts of it (of teeth, notches or poles), a function is the same
-after each. The travel since the
-joint turned back lies between minus and plus a farthest one: it begins at one end and stays at the other."""
+"""A function of the angle within a turn, or within one of equal parts of it (of teeth, notches or poles), is the same
+after each. The travel since a joint turned back lies between minus and plus a farthest one: it begins at one end and
+stays at the other."""
 OF_OTHERS = (ANGLE, SPEED, DRIVE)
 """Inputs that may be another joint's: a coupling of joints, or of their drives."""
 NAMED = r"[^\[\],@]+"
