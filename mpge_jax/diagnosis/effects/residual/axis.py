@@ -11,8 +11,9 @@ from mpge_jax.diagnosis.effects.context import Context, Place, joint_unit
 from mpge_jax.diagnosis.effects.step import Array
 
 WITHIN_TURN, ANGLE, SPEED, DRIVE, LOAD, TURNED = "a", "q", "v", "f", "l", "z"
+PART = "a part of a turn"
 INPUTS = {
-    WITHIN_TURN: "angle of the joint within a part of a turn",
+    WITHIN_TURN: f"angle of the joint within {PART}",
     ANGLE: "position of the joint",
     SPEED: "speed of the joint",
     DRIVE: "force of the joint's drives",
@@ -102,6 +103,11 @@ class Axis:
         return max(round(2.0 * np.pi / self.high), 1) if self.around and self.high > 0.0 else 1
 
     @property
+    def part(self) -> str:
+        """'a turn' or '1/6 of a turn'."""
+        return "a turn" if self.parts == 1 else f"1/{self.parts} of a turn"
+
+    @property
     def key(self) -> str:
         """What its values are: see `key_of`; 'z0.05' of the travel since the joint turned, which goes as far as the
         range does; the position of the joint, of the angle within a turn."""
@@ -119,9 +125,7 @@ class Axis:
         """'position of the joint' on which the function acts, 'position of the elbow' of another one."""
         said = INPUTS[self.input]
         if self.around:
-            return said.replace(
-                "a part of a turn", "a turn" if self.parts == 1 else f"1/{self.parts} of a turn"
-            )
+            return said.replace(PART, self.part)
         return said.replace("the joint", f"the {self.joint}") if self.joint else said
 
     def place(self, ctx: Context, acts: Place) -> Place:

@@ -22,7 +22,7 @@ Array = np.ndarray
 FUNCTIONS, GRID = 4, 360
 """Functions that are shown at most, and values of every input by which they are drawn."""
 SHORT = {
-    WITHIN_TURN: "angle within a turn",
+    WITHIN_TURN: "angle within",
     ANGLE: "position",
     SPEED: "speed",
     DRIVE: "force of the drives",
@@ -113,5 +113,5 @@ def _force(ctx: Context, function: Function) -> str:
 
 
 def _named(ctx: Context, function: Function, axis: Axis) -> str:
-    whose = f" of {drawing.short(axis.joint, 18)}" if axis.joint else ""
+    whose = f" of {drawing.short(axis.joint, 18)}" if axis.joint else f" {axis.part}" if axis.around else ""
     return f"{SHORT[axis.input]}{whose} ({axis.unit(ctx, function.term.place)})"

@@ -62,6 +62,17 @@ def test_a_function_of_one_input_is_a_curve_through_points(drawn):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("speed (rad/s)", "hinge (N m)")
 
 
+def test_points_stand_within_the_part_of_a_turn_that_repeats(drawn):
+    sixth = Axis.within_turn(6)
+    function = Function(Term(Residual((sixth,), 4.0).id, HINGE), np.zeros(9), None)
+    (ax,) = drawn(function).axes
+    part = np.pi / 3
+    np.testing.assert_allclose(ax.lines[0].get_xdata(), [2 * part - 2, 1, 3 - 2 * part])
+    assert ax.get_xlabel() == "angle within 1/6 of a turn (rad)"
+    (whole,) = drawn(Function(Term(Residual((Axis.within_turn(),), 4.0).id, HINGE), np.zeros(9), None)).axes
+    assert whole.get_xlabel() == "angle within a turn (rad)"
+
+
 def test_a_function_of_two_inputs_is_a_map_beside_what_it_says_of_the_points(drawn):
     axes = drawn(law(SPEED, ANGLE), law(SPEED)).axes
     assert len(axes) == 4
