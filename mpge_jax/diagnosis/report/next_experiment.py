@@ -101,12 +101,15 @@ def design(d: Result, groups: Mapping[Term, list[Fitted]], path: Path) -> dict[s
     q0 = d.prepared.train[0].states.qpos[0]
     tried = proposals(*command_range(d), time, rng)
     w = _windows(d, q0, np.array([command for _, command in tried]), dt)
-    models = [_Linear(d, f, w) for f in fits]
+    models = {f.hypothesis: _Linear(d, f, w) for f in fits}
     seen = np.logical_and.reduce(
-        [_inside_limits(d, q0, x.base) & _as_recorded(d, q0, x.base) for x in models]
+        [_inside_limits(d, q0, x.base) & _as_recorded(d, q0, x.base) for x in models.values()]
     )
     lasting = np.flatnonzero(seen.sum(1) * _EVERY * dt >= SHORTEST)
-    pairs = list(permutations(models, 2))
+    tied = dict.fromkeys(
+        pair for fs in groups.values() for pair in permutations(dict.fromkeys(f.hypothesis for f in fs), 2)
+    )
+    pairs = [(models[one], models[other]) for one, other in tied]
     apart = np.array([_refitted(a, b, seen)[0] for a, b in pairs])
     best, most = SEPARATED, None
     for k in sorted(lasting.tolist(), key=lambda i: -apart[:, i].min())[:_VERIFIED]:
@@ -174,7 +177,7 @@ def _refitted(truth: _Linear, other: _Linear, seen: Array) -> tuple[Array, Array
     """(distance [W] that is left when `other` is refitted to what `truth` predicts, change [W, p + nv])."""
     left = other.noise_units(other.base - truth.base) * seen[..., None]
     columns = other.noise_units(other.columns) * seen[..., None]
-    gram = np.einsum("iwnv,jwnv->wij", columns, columns) + other.precision
+    gram = np.einsum("iwnv,jwnv->wij", columns, columns, optimize=True) + other.precision
     change = -np.linalg.solve(gram, np.einsum("iwnv,wnv->wi", columns, left)[..., None])[..., 0]
     return _rms(left + np.einsum("iwnv,wi->wnv", columns, change), seen), change
 
