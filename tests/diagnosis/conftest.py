@@ -51,7 +51,7 @@ def plain_functions():
         patch.setattr(
             motion,
             "functions",
-            lambda values: [
+            lambda values, _hinge: [
                 e for e in functions(values) if len(e.axes) == 1 and not (e.coupled or e.dry or e.traced)
             ],
         )
