@@ -51,8 +51,10 @@ def plain_functions():
         patch.setattr(
             motion,
             "functions",
-            lambda values, _hinge: [
-                e for e in functions(values) if len(e.axes) == 1 and not (e.coupled or e.dry or e.traced)
+            lambda values, hinge: [
+                e
+                for e in functions(values, hinge)
+                if len(e.axes) == 1 and e.axes[0].parts == 1 and not (e.coupled or e.dry or e.traced)
             ],
         )
         yield
