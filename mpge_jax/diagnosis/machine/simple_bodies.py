@@ -2,7 +2,7 @@
 
 MuJoCo takes the mass alone of a body that its compiler calls simple and that only slides: its `body_invweight0` and
 `dof_invweight0` are 1 / mass, whatever the armature and the number of directions. A model whose masses may vary is
-compiled without simple bodies, and its contacts would yield by up to three times as much.
+compiled without simple bodies, and its contacts would be harder, up to three times.
 """
 
 from __future__ import annotations
