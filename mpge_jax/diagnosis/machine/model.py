@@ -12,7 +12,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
 from mpge_jax.diagnosis.machine import model_files
-from mpge_jax.diagnosis.machine.simple_bodies import as_compiled, may_slide_only
+from mpge_jax.diagnosis.machine.simple_bodies import as_compiled, only_slide
 
 TAKEN = 9
 """Where in `actuator_biasprm` the gain on speed of a drive lies that an effect computes in place of the engine, which
@@ -140,7 +140,7 @@ def compile_variable(spec: mujoco.MjSpec) -> mujoco.MjModel:
         for body in spec.bodies[1:]:
             body.simple = False
         model = spec.compile()
-        if may_slide_only(model):
+        if only_slide(model).any():
             as_compiled(model, plain.compile())
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"MuJoCo cannot compile the model: {' '.join(str(error).split())}") from None

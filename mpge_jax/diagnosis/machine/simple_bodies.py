@@ -15,10 +15,10 @@ ONLY_SLIDES = 2
 ALIKE = 1e-9
 
 
-def may_slide_only(model: mujoco.MjModel) -> bool:
-    """Whether any body has slides and no other joint."""
-    other = np.bincount(model.jnt_bodyid, model.jnt_type != mujoco.mjtJoint.mjJNT_SLIDE, model.nbody)
-    return bool(((other == 0) & (model.body_jntnum > 0)).any())
+def only_slide(model: mujoco.MjModel) -> np.ndarray:
+    """[nbody] which bodies have slides and no other joint."""
+    others = np.bincount(model.jnt_bodyid, model.jnt_type != mujoco.mjtJoint.mjJNT_SLIDE, model.nbody)
+    return np.asarray((others == 0) & (model.body_jntnum > 0))
 
 
 def as_compiled(model: mujoco.MjModel, plain: mujoco.MjModel) -> None:
@@ -31,11 +31,5 @@ def as_compiled(model: mujoco.MjModel, plain: mujoco.MjModel) -> None:
 
 def sliders(model: mujoco.MjModel) -> list[int]:
     """Bodies that only slide and whose weights are those of their masses alone."""
-    slides = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
-    out = []
-    for body in np.flatnonzero(model.body_jntnum):
-        own = model.jnt_bodyid == body
-        alone = np.isclose(model.body_invweight0[body, 0] * model.body_mass[body], 1.0, rtol=ALIKE, atol=0.0)
-        if slides[own].all() and alone:
-            out.append(int(body))
-    return out
+    of_mass = np.isclose(model.body_invweight0[:, 0] * model.body_mass, 1.0, rtol=ALIKE, atol=0.0)
+    return np.flatnonzero(only_slide(model) & of_mass).tolist()

@@ -31,10 +31,10 @@ BALL = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody
 FREE = BALL.replace('type="plane"', 'type="plane" contype="0" conaffinity="0"')
 
 
-def _windows(xml: str, **reality) -> tuple[Prepared, Windows]:
+def _windows(xml: str, seconds: float = 3.0, **reality) -> tuple[Prepared, Windows]:
     spec = mujoco.MjSpec.from_string(xml)
     plain = compile_variable(spec)
-    recordings = record(xml, 0.5, seconds=3.0, noise=1e-3, **reality)
+    recordings = record(xml, 0.5, seconds=seconds, noise=1e-3, **reality)
     p = prepare(spec, [validate(r, plain, names_of(plain)) for r in recordings], Config(jobs=1))
     return p, p.windows("train", p.config.decide_s, 40)
 
@@ -86,14 +86,14 @@ def test_moved_windows_start_as_a_shifted_run_does():
 
 @pytest.mark.parametrize("elsewhere", [False, True])
 def test_a_start_that_explains_a_bounce_is_found(elsewhere):
-    p, w = _windows(BALL)
+    p, w = _windows(BALL, seconds=6.0)
     w = _aside(_as_predicted(p, w), 2.0)
     before = _excess(p, w)
     assert (before > ELSEWHERE_FROM).sum() > 2
     after = _excess(p, settled(p.sim, NOTHING, w, p.noise, elsewhere=elsewhere))
     assert (after <= before + 1e-9).all()
     odd = np.flatnonzero(before > ELSEWHERE_FROM)
-    assert (after[odd] < 2.0).mean() >= 0.8
+    assert (after[odd] < 2.0).mean() > 0.8
     np.testing.assert_allclose(np.delete(after, odd), np.delete(before, odd), rtol=1e-9)
 
 

@@ -11,7 +11,7 @@ import pytest
 from mpge_jax.diagnosis.effects.context import Place, nominal_context
 from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.machine.model import compile_variable
-from mpge_jax.diagnosis.machine.simple_bodies import may_slide_only, sliders
+from mpge_jax.diagnosis.machine.simple_bodies import only_slide, sliders
 from mpge_jax.diagnosis.simulation.batch_simulator import Run, Simulator
 from mpge_jax.diagnosis.simulation.single_step import Machine
 from tests.diagnosis import machines
@@ -76,7 +76,7 @@ def test_bodies_that_only_slide_weigh_as_in_the_given_model():
     assert squeezed(plain)[0] > 0.01
     np.testing.assert_allclose(squeezed(m), squeezed(plain), atol=1e-12)
     arm = compile_variable(mujoco.MjSpec.from_string(ARM))
-    assert may_slide_only(m) and not may_slide_only(arm) and sliders(arm) == []
+    assert list(np.flatnonzero(only_slide(m))) == [1, 2] and not only_slide(arm).any() and sliders(arm) == []
 
 
 @pytest.mark.parametrize(
