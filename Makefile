@@ -12,6 +12,8 @@ WORKERS ?= 2
 DIST := --dist loadfile --no-loadscope-reorder
 # Each worker has its core: threads of numpy's BLAS that wait for one make small matrices ten times as slow.
 ALONE := OPENBLAS_NUM_THREADS=1
+# The tests start Python by the dozen: what it imports is compiled once, also where it is told to write no bytecode.
+BYTECODE := PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX='$(abspath $(VENV))/bytecode'
 METHODS ?= direct SPG MPG-MS MPGE-MS Vine GAT diagnosed target
 
 PY := $(VENV)/bin/python
@@ -73,10 +75,10 @@ gpu-check: cuda ## measure on an NVIDIA GPU: 1,024 to 16,384 copies, 1, 5 and 25
 	$(PY) -m experiments.benchmark --part envs grounding sac --backend c mjx warp --copies 1024 4096 16384 --members 1 5 25 --out results/gpu $(ARGS)
 
 test: $(STAMP) ## run the tests
-	$(ALONE) $(PY) -m pytest -n $(WORKERS) $(DIST) $(ARGS)
+	$(ALONE) $(BYTECODE) $(PY) -m pytest -n $(WORKERS) $(DIST) $(ARGS)
 
 test-slow: $(CLIENTS) ## run the long tests too, other people's trainers among them
-	$(ALONE) $(PY) -m pytest -n $(WORKERS) $(DIST) -m 'slow or not slow' $(ARGS)
+	$(ALONE) $(BYTECODE) $(PY) -m pytest -n $(WORKERS) $(DIST) -m 'slow or not slow' $(ARGS)
 
 matrix: $(STAMP) ## the tests with Python 3.11 to 3.13, each with the oldest and the newest JAX (hours; ARGS='-k ...')
 	$(PY) -m pip install --disable-pip-version-check --quiet uv
