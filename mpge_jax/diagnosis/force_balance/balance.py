@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,22 @@ STEP = 0.05
 
 
 @dataclass(frozen=True)
+class Along:
+    """What was computed along one motion, for whoever asks again.
+
+    Attributes:
+        rigid: inverse dynamics of each recording. changes: by effect and parameters, what `Balance.changes` gives.
+    """
+
+    rigid: list[dict[Key, Rigid]]
+    changes: dict[tuple[Term, bytes], Array]
+
+    @staticmethod
+    def nothing(recordings: int) -> Along:
+        return Along([{} for _ in range(recordings)], {})
+
+
+@dataclass(frozen=True)
 class Balance:
     """Recordings as equations of force.
 
@@ -45,13 +62,11 @@ class Balance:
     block: Array
     fold: Array
     resolution: Resolution
-    _known: list[dict[Key, Rigid]]
+    _known: Along
 
     @staticmethod
-    def of(
-        ctx: Context, rows: list[Track], resolution: Resolution, known: list[dict[Key, Rigid]] | None = None
-    ) -> Balance:
-        """`rows`: of that resolution. known: inverse dynamics along the same motion, which are added to."""
+    def of(ctx: Context, rows: list[Track], resolution: Resolution, known: Along | None = None) -> Balance:
+        """`rows`: of that resolution. known: of the same motion, which is as sure; it is added to."""
         total = sum(t.time[-1] - t.time[0] for t in rows)
         block, of, first = [], [], 0
         for k, t in enumerate(rows):
@@ -69,27 +84,48 @@ class Balance:
             np.concatenate(block),
             folds(np.array(of), np.arange(first)),
             resolution,
-            [{} for _ in rows] if known is None else known,
+            Along.nothing(len(rows)) if known is None else known,
         )
 
     @staticmethod
-    def recorded(p: Prepared, sources: tuple[Source, ...], most: int, resolution: Resolution) -> Balance:
+    def recorded(
+        p: Prepared,
+        sources: tuple[Source, ...],
+        most: int,
+        resolution: Resolution,
+        known: Along | None = None,
+    ) -> Balance:
         """Of some recordings, by at most `most` rows."""
-        return Balance.of(p.ctx, tracks(p, sources, most, resolution), resolution)
+        return Balance.of(p.ctx, tracks(p, sources, most, resolution), resolution, known)
 
     def predicted(self, parts: dict[Term, Array]) -> Array:
         """Forces [N, nu] that the motion needs, as the measurement would show them."""
-        machine = Machine.build(self.ctx, tuple(parts), tuple(parts.values()))
-        forces = [needed(machine, t, k) for t, k in zip(self.tracks, self._known, strict=True)]
-        cutoff, lag = min(self.resolution.sensor, self.resolution.motion), self.resolution.lag
-        seen = [
-            low_pass(lagged(f, t.time, lag), t.time, cutoff) for f, t in zip(forces, self.tracks, strict=True)
-        ]
-        return np.concatenate(seen)
+        return self.as_measured(self._needed(parts))
 
     def predicted_by(self, f: Fitted) -> Array:
         """The same of a fit."""
         return self.predicted(f.hypothesis.split(self.ctx, f.theta))
+
+    def as_measured(self, forces: Array) -> Array:
+        """Forces [..., N, nu] through the filters of the measurement."""
+        cutoff, lag = min(self.resolution.sensor, self.resolution.motion), self.resolution.lag
+        out, at = np.empty_like(forces), 0
+        for t in self.tracks:
+            rows = slice(at, at + t.time.size)
+            here = np.moveaxis(forces[..., rows, :], -2, 0)
+            out[..., rows, :] = np.moveaxis(low_pass(lagged(here, t.time, lag), t.time, cutoff), 0, -2)
+            at = rows.stop
+        return out
+
+    def changes(self, term: Term, start: Array) -> Array:
+        """Change [1 + p, N, nu] of the needed force, not as measured, by one effect, and with each of its parameters
+        there."""
+        key = term, start.tobytes()
+        if key not in self._known.changes:
+            parts = {term: start}
+            here, (moved, by) = self._needed(parts), self._moved(parts, term)
+            self._known.changes[key] = np.concatenate([(here - self._as_given)[None], (moved - here) / by])
+        return self._known.changes[key]
 
     def columns(self, parts: dict[Term, Array], term: Term, here: Array) -> Array:
         """Change [p, N, nu] of the predicted force with each parameter of one of the `parts`.
@@ -97,12 +133,29 @@ class Balance:
         Args:
             here: prediction with `parts`.
         """
-        theta, out = parts[term], []
-        for i, param in enumerate(term.params(self.ctx)):
+        moved, by = self._moved(parts, term)
+        return (self.as_measured(moved) - here) / by
+
+    @cached_property
+    def _as_given(self) -> Array:
+        return self._needed({})
+
+    def _needed(self, parts: dict[Term, Array]) -> Array:
+        """Forces [N, nu] that the motion needs, as they are."""
+        machine = Machine.build(self.ctx, tuple(parts), tuple(parts.values()))
+        return np.concatenate(
+            [needed(machine, t, k) for t, k in zip(self.tracks, self._known.rigid, strict=True)]
+        )
+
+    def _moved(self, parts: dict[Term, Array], term: Term) -> tuple[Array, Array]:
+        """Needed forces [p, N, nu] with each parameter of one of the `parts` moved, and by how much [p, 1, 1]."""
+        theta, params = parts[term], term.params(self.ctx)
+        out, by = np.empty((len(params), *self.measured.shape)), np.empty((len(params), 1, 1))
+        for i, param in enumerate(params):
             moved, h = theta.copy(), STEP * param.scale
             moved[i] += h if theta[i] + h <= param.high else -h
-            out.append((self.predicted({**parts, term: moved}) - here) / (moved[i] - theta[i]))
-        return np.array(out).reshape(-1, *here.shape)
+            out[i], by[i] = self._needed({**parts, term: moved}), moved[i] - theta[i]
+        return out, by
 
 
 def _tells(ctx: Context, slides: Array) -> Array:

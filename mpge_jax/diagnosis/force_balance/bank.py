@@ -44,15 +44,16 @@ class Bank:
     entries: list[Entry]
 
     @staticmethod
-    def of(b: Balance, terms: Iterable[Term]) -> Bank:
-        """Every term at every start."""
+    def of(b: Balance, terms: Iterable[Term], known: Iterable[tuple[Term, Array]] = ()) -> Bank:
+        """Every term at every start, and others at values that are known."""
         starts = [(t, x) for t in terms for x in t.effect.starts(b.ctx, t.place)]
         nominal = b.predicted({})
-        return _joined(b, nominal, np.zeros((0, *nominal.shape)), [], starts)
+        return _joined(b, nominal, np.zeros((0, *nominal.shape)), [], [*starts, *known])
 
     def near(self, starts: Iterable[tuple[Term, Array]]) -> Bank:
         """The same with further starting values."""
-        return _joined(self.balance, self.nominal, self.made, self.entries, starts)
+        starts = list(starts)
+        return _joined(self.balance, self.nominal, self.made, self.entries, starts) if starts else self
 
     def columns(self, entries: Iterable[Entry]) -> list[int]:
         return [c for e in entries for c in e.columns]
@@ -74,14 +75,16 @@ class Bank:
 def _joined(
     b: Balance, nominal: Array, made: Array, entries: list[Entry], starts: Iterable[tuple[Term, Array]]
 ) -> Bank:
-    entries, columns = list(entries), [made]
-    at = len(made)
-    for term, start in starts:
-        here = b.predicted({term: start})
-        x, change = b.columns({term: start}, term, here), here - nominal
+    entries, starts, at = list(entries), list(starts), len(made)
+    changes = [b.changes(*s) for s in starts]
+    # filters take all columns at once
+    seen = b.as_measured(np.concatenate(changes)) if changes else made
+    columns, first = [made], 0
+    for (term, start), own in zip(starts, changes, strict=True):
+        change, x = seen[first], seen[first + 1 : first + len(own)]
         entries.append(Entry(term, _origin(b.ctx, term, start, x, change), range(at, at + len(x))))
         columns.append(x)
-        at += len(x)
+        at, first = at + len(x), first + len(own)
     made = np.concatenate(columns)
     params = [list(e.term.params(b.ctx)) for e in entries]
     prior = np.concatenate([np.zeros(0), *(prior_widths(p) ** -2.0 for p in params)])

@@ -51,7 +51,8 @@ def lagged(x: Array, time: Array, constant: float) -> Array:
     b, a = [now, 1.0 - decay - now], [1.0, -decay]
 
     def behind(even: Array) -> Array:
-        start = np.stack([scipy.signal.lfiltic(b, a, y=[first], x=[first]) for first in even[0]], 1)
+        # what the filter holds where it had followed the first row for long
+        start = (1.0 - now) * even[:1]
         return np.asarray(scipy.signal.lfilter(b, a, even, axis=0, zi=start)[0])
 
     return _evenly(x, time, behind)

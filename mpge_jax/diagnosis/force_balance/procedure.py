@@ -14,13 +14,13 @@ from mpge_jax.diagnosis.effects.hypothesis import Hypothesis, Term
 from mpge_jax.diagnosis.effects.inertia.given import given_inertias
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.inexact_inertias import as_wide_as, with_free_inertias
-from mpge_jax.diagnosis.force_balance.balance import Balance
+from mpge_jax.diagnosis.force_balance.balance import Along, Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank, Entry
 from mpge_jax.diagnosis.force_balance.closer_laws import closer_laws
 from mpge_jax.diagnosis.force_balance.force_search import Chosen, ForceSearch, Found
 from mpge_jax.diagnosis.force_balance.needed_force import can_ask
 from mpge_jax.diagnosis.force_balance.polish import polished
-from mpge_jax.diagnosis.force_balance.resolution import choose
+from mpge_jax.diagnosis.force_balance.resolution import choose, motion_of
 from mpge_jax.diagnosis.force_balance.tracks import Resolution
 
 Array = np.ndarray
@@ -68,12 +68,14 @@ def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
     plain = [t for t in terms if t.id in PLAIN]
     if p.config.masses_within:
         terms.append(given_inertias(p.config.masses_within))
-    found = _at_resolution(p, terms, choose(p, plain, {}), say)
+    few: dict[Resolution, Along] = {}
+    all_rows: dict[Resolution, Along] = {}
+    found = _at_resolution(p, terms, choose(p, plain, {}, few), all_rows, say)
     for _ in range(READINGS - 1):
-        again = choose(p, plain, found.parts)
+        again = choose(p, plain, found.parts, few)
         if again == found.balance.resolution:
             break
-        found = _at_resolution(p, terms, again, say)
+        found = _at_resolution(p, terms, again, all_rows, say)
     lag = found.balance.resolution.lag
     if lag:
         p.warnings.append(
@@ -84,14 +86,22 @@ def decide(p: Prepared, say: Callable[[str], None]) -> ForceDecision:
 
 
 def _at_resolution(
-    p: Prepared, terms: list[Term], resolution: Resolution, say: Callable[[str], None]
+    p: Prepared,
+    terms: list[Term],
+    resolution: Resolution,
+    along: dict[Resolution, Along],
+    say: Callable[[str], None],
 ) -> ForceDecision:
     """The effects, where motion and force are known as finely as that.
 
     The search takes every effect as linear near a few starting values; the fit then moves them to where they belong,
     and the search goes on from there, until it stays with what it has.
+
+    Args:
+        along: what was computed of motions that are known so finely; it is added to.
     """
-    b = Balance.recorded(p, p.looked_at, ROWS, resolution)
+    same = along.setdefault(motion_of(resolution), Along.nothing(len(p.looked_at)))
+    b = Balance.recorded(p, p.looked_at, ROWS, resolution, same)
     say(f"{len(b.measured)} rows of measured force; {len(terms)} candidates (an effect at a place) to try")
     bank = Bank.of(b, terms)
     chosen: Chosen = ()

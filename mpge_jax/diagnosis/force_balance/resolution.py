@@ -10,10 +10,9 @@ import numpy as np
 
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.effects.hypothesis import Term
-from mpge_jax.diagnosis.force_balance.balance import Balance
+from mpge_jax.diagnosis.force_balance.balance import Along, Balance
 from mpge_jax.diagnosis.force_balance.bank import Bank
 from mpge_jax.diagnosis.force_balance.low_pass import low_pass
-from mpge_jax.diagnosis.force_balance.needed_force import Key, Rigid
 from mpge_jax.diagnosis.force_balance.tracks import Resolution, tracks
 
 Array = np.ndarray
@@ -38,7 +37,9 @@ ROWS = 1500
 """Rows of the regressions by which they are judged."""
 
 
-def choose(p: Prepared, terms: list[Term], known: Mapping[Term, Array]) -> Resolution:
+def choose(
+    p: Prepared, terms: list[Term], known: Mapping[Term, Array], along: dict[Resolution, Along] | None = None
+) -> Resolution:
     """The resolution with which a plain regression of the forces predicts stretches best that it was not fitted to.
 
     All that is tried of one thing is judged by the same forces, as they were measured. A sensor's filter is supposed
@@ -47,19 +48,19 @@ def choose(p: Prepared, terms: list[Term], known: Mapping[Term, Array]) -> Resol
     is asked last, and of all forces.
 
     Args:
-        terms: of the plain regression. known: parameters of what was found, near which that is told too.
+        terms: of the plain regression. known: parameters of what was found, near which that is told too. along: what
+        was computed of motions that are known so finely (`motion_of`), by `ROWS` rows; it is added to.
     """
-    others = [t for t in terms if t not in known]
+    others, along = [t for t in terms if t not in known], {} if along is None else along
     told: dict[tuple[Resolution, bool], float] = {}
-    along: dict[float, list[dict[Key, Rigid]]] = {}
 
     def error(r: Resolution, everywhere: bool) -> float:
         if (r, everywhere) not in told:
             rows = tracks(p, p.looked_at, ROWS, r)
-            same = along.setdefault(r.motion, [{} for _ in rows])
+            same = along.setdefault(motion_of(r), Along.nothing(len(rows)))
             b = Balance.of(p.ctx, rows, replace(r, motion=np.inf), same)
-            bank = Bank.of(replace(b, telling=b.measured) if everywhere else b, others)
-            told[r, everywhere] = _error(bank.near(known.items()))
+            judged = replace(b, telling=b.measured) if everywhere else b
+            told[r, everywhere] = _error(Bank.of(judged, others, known.items()))
         return told[r, everywhere]
 
     def best(tried: Iterable[Resolution], everywhere: bool = False) -> Resolution:
@@ -83,6 +84,11 @@ def choose(p: Prepared, terms: list[Term], known: Mapping[Term, Array]) -> Resol
         if found == before:
             break
     return best((replace(found, still=x) for x in STILL), everywhere=True)
+
+
+def motion_of(r: Resolution) -> Resolution:
+    """What of it says how finely the motion is known."""
+    return Resolution(motion=r.motion, still=r.still)
 
 
 def _error(bank: Bank) -> float:
