@@ -8,7 +8,7 @@ import numpy as np
 
 from mpge_jax.diagnosis.effects.context import Context, Param
 from mpge_jax.diagnosis.estimation.estimate import Fitted, bounds, nothing, prior_loss, prior_widths
-from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
+from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss, robust_weight
 from mpge_jax.diagnosis.simulation.windows import Windows
 
 Array = np.ndarray
@@ -60,7 +60,7 @@ class Problem:
     @property
     def weight(self) -> Array:
         """[W] by how much each window counts: less, the worse it is missed."""
-        return 1.0 / (1.0 + self.fit.x / 5.0)
+        return robust_weight(self.fit.x)
 
     @property
     def free(self) -> Array:

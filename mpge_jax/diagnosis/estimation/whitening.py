@@ -27,6 +27,8 @@ from mpge_jax.diagnosis.simulation.windows import Windows
 Array = np.ndarray
 KAPPA = 5.0
 NUISANCE = 3.0
+ORDINARY = 5.0
+"""Relative chi^2 up to which a window counts fully, or nearly."""
 STEP, LATE, INTEGRATOR, OLDER = "timestep", "late commands", "integrator", "older forces"
 HOLDING = "given dry friction"
 """What changes motion and is no physics (see `numerics`)."""
@@ -307,10 +309,15 @@ def in_finer_steps(sim: Simulator, runs: list[Run], w: Windows, factor: int) -> 
 
 
 def robust_loss(x: Array) -> Array:
-    """Loss of windows with relative chi^2 x: 5 log(1 + x/5), linear for ordinary windows."""
-    return 5.0 * np.log1p(x / 5.0)
+    """Loss of windows with relative chi^2 x: linear for ordinary windows, and logarithmic for those far above."""
+    return ORDINARY * np.log1p(x / ORDINARY)
+
+
+def robust_weight(x: Array) -> Array:
+    """What a window's chi^2 counts in a fit: the slope of `robust_loss`."""
+    return np.asarray(1.0 / (1.0 + x / ORDINARY))
 
 
 def usual_excess(loss: float) -> float:
     """The relative chi^2 of a window with that `robust_loss`."""
-    return float(5.0 * np.expm1(loss / 5.0))
+    return float(ORDINARY * np.expm1(loss / ORDINARY))

@@ -18,6 +18,7 @@ from mpge_jax.diagnosis.estimation.whitening import (
     STEP,
     column_scale,
     numerics,
+    robust_weight,
     whitener,
 )
 from mpge_jax.diagnosis.evidence.held_out_error import WINDOWS
@@ -50,7 +51,7 @@ def numerics_seen(p: Prepared, f: Fitted) -> tuple[dict[str, float], list[str]]:
     residual = p.sim.residuals([Run(f.hypothesis, f.theta)], w)[0]
     flat = white(residual)
     changes = numerics(p.sim, f.hypothesis, f.theta, w)
-    weight = 1.0 / (1.0 + white.excess(flat) / 5.0)
+    weight = robust_weight(white.excess(flat))
     columns = np.stack([white(residual + change) - flat for change in changes.values()])
     gram = np.einsum("w,pwm,qwm->pq", weight, columns, columns, optimize=True)
     inverse = np.linalg.pinv(gram, hermitian=True)

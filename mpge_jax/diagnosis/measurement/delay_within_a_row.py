@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from mpge_jax.diagnosis.dataset.prepared import Prepared
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.parameter_steps import Problem
-from mpge_jax.diagnosis.estimation.whitening import whitener
+from mpge_jax.diagnosis.estimation.whitening import robust_weight, whitener
 from mpge_jax.diagnosis.simulation.batch_simulator import Run
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 
@@ -105,7 +105,7 @@ def arrivals(p: Prepared, f: Fitted, rows: dict[int, tuple[float, float]]) -> di
     start = late + slopes[..., : len(rows)] @ (middle - high)
     change = np.zeros(ridge.size)
     for _ in range(5):
-        weight = 1.0 / (1.0 + white.excess(start + slopes @ change) / 5.0)
+        weight = robust_weight(white.excess(start + slopes @ change))
         gram = np.einsum("w,wmi,wmj->ij", weight, slopes, slopes) + np.diag(ridge)
         root = np.linalg.cholesky(gram)
         push = -np.einsum("w,wmi,wm->i", weight, slopes, start)

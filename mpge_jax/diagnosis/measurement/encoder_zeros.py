@@ -18,7 +18,7 @@ from mpge_jax.diagnosis.effects.context import Place, default_places, joint_unit
 from mpge_jax.diagnosis.effects.hypothesis import Term
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.levenberg_marquardt import fit
-from mpge_jax.diagnosis.estimation.whitening import Whitener, whitener
+from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_weight, whitener
 from mpge_jax.diagnosis.evidence.likelihood_ratio import beyond_doubt
 from mpge_jax.diagnosis.machine.model import scalar_joints
 from mpge_jax.diagnosis.measurement.between_recordings import between_recordings
@@ -238,7 +238,7 @@ def _step(p: Prepared, f: Fitted, group: _Group, white: Whitener, zeros: Array) 
     now = _flat(p, f, white, group.less(zeros))
     steps = STEP * np.eye(zeros.shape[1])
     slopes = np.stack([(_flat(p, f, white, group.less(zeros + h)) - now) / STEP for h in steps], -1)
-    weight = 1.0 / (1.0 + white.excess(now) / 5.0)
+    weight = robust_weight(white.excess(now))
     new, deviation = zeros.copy(), np.zeros(zeros.shape)
     for r in range(len(zeros)):
         k = group.of == r

@@ -13,7 +13,7 @@ from mpge_jax.diagnosis.effects.residual.family import residual_of
 from mpge_jax.diagnosis.estimation.estimate import Fitted
 from mpge_jax.diagnosis.estimation.missing_force import slight_forces
 from mpge_jax.diagnosis.estimation.prediction_error import errors
-from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss
+from mpge_jax.diagnosis.estimation.whitening import Whitener, robust_loss, robust_weight
 from mpge_jax.diagnosis.evidence.folds import folds
 from mpge_jax.diagnosis.evidence.held_out_error import FitReport
 from mpge_jax.diagnosis.residual.formula import formula
@@ -209,4 +209,4 @@ class _Task:
         return self.white(self.p.sim.residuals([Run(f.hypothesis, f.theta)], self.windows)[0])
 
     def _counted(self, left: Array) -> Array:
-        return np.asarray(1.0 / (1.0 + self.white.excess(left) / 5.0))
+        return robust_weight(self.white.excess(left))
