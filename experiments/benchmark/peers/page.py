@@ -12,12 +12,12 @@ from experiments.benchmark.peers.in_turn import OURS, rates, ratio
 from experiments.benchmark.peers.rows import ROWS, SYSID, install
 
 TITLES = {
-    "steps": "Environment steps: {copies} HalfCheetahs whose actions a 256-256 policy draws",
-    "sac": "SAC updates: 256-256, batch 256, HalfCheetah's sizes, {updates} a call",
+    "steps": "Environment steps of HalfCheetahs whose actions a 256-256 policy draws",
+    "sac": "SAC updates: 256-256, batch 256, HalfCheetah's sizes",
     "grounding": "Grounding, learning included: simulator steps, HalfCheetah, the paper's networks and batch",
     "error": "Grounding: time to an error of 0.10",
     "growth": "Growth of an iteration of grounding",
-    "fit": "Diagnosis: {parameters} parameters of a chain of {joints} joints on {windows} windows",
+    "fit": "Diagnosis: given parameters of a chain on given windows",
 }
 HEAD = """# Speed beside others
 
@@ -28,17 +28,17 @@ is above 2, other work ran beside it: rates are too low, and ratios are what to 
 [gpu.md](gpu.md).
 """
 NOTES = {
-    "steps": "Ours: policy, observation, reward and automatic resets included. Raw `mujoco.batch` steps the same "
+    "steps": "{copies} copies. Ours: policy, observation, reward and automatic resets included. Raw `mujoco.batch` steps the same "
     "copies under commands drawn before, and does nothing else. Gymnasium's vector environment (8 copies, one "
     "process) has no policy either. MJX runs our task with the same policy.",
-    "sac": "Each update draws its batch from a full buffer of 10,000 transitions. Ours and SBX both make the updates "
+    "sac": "{updates} updates a call. Each draws its batch from a full buffer of 10,000 transitions. Ours and SBX both make the updates "
     "of a call in one compiled program. In a profile (`jax.profiler`) about nine tenths of our update are matrix "
     "products with what XLA fuses to them, and SBX has the same products to compute.",
     "grounding": "Ours: five rollout policies, 64 simulators, iterations of 2,048 steps; the discriminator's four "
     "updates on 512 rows of each side, TRPO and the value functions. `imitation` 1.0.1: 2,048 steps of 8 environments, "
     "the same networks, batches and updates, TRPO by sb3-contrib, with one value function and no gradient penalty, on "
     "a log that is drawn; it runs in a Python of its own (it wants gymnasium below 1) and tells its own seconds.",
-    "fit": "Ours and sysid's own optimiser (Gauss-Newton, finite differences, MuJoCo's rollouts) minimise the same "
+    "fit": "{parameters} parameters, {joints} joints, {windows} windows. Ours and sysid's own optimiser (Gauss-Newton, finite differences, MuJoCo's rollouts) minimise the same "
     "whitened residuals from the nominal model; sysid's clock stops where it first is within 0.1 % of our loss. It "
     "begins a twentieth of its range off its bounds, as it advises. The whole search knows neither which effects act "
     "nor where.",
@@ -96,7 +96,7 @@ def draw(kept: Path, docs: Path) -> None:
 
 
 def _section(name: str, row: Row) -> str:
-    lines = [f"## {TITLES[name].format(**row)}", ""]
+    lines = [f"## {TITLES[name]}", ""]
     match name:
         case "error":
             lines += error_time.lines(row)
@@ -113,7 +113,7 @@ def _section(name: str, row: Row) -> str:
 
 
 def _beside(name: str, row: Row) -> list[str]:
-    lines = [NOTES[name], ""]
+    lines = [NOTES[name].format(**row), ""]
     lines += ["| | a second | ours to it | aimed at | |", "|---|--:|--:|--:|---|"]
     seconds = row["seconds"]
     beside = {who: taken for who, taken in seconds.items() if len(taken) == len(seconds.get(OURS, ()))}

@@ -47,11 +47,17 @@ def grounding(rounds: int) -> Row:
 
 def fits(rounds: int, joints: int = 2, runs: int = 3) -> Row:
     """A fit to the same objective, and the whole search once in each round."""
-    if not _has_sysid():
-        return _kept({}, {}, [SYSID], joints=joints, runs=runs)
     seconds: dict[str, list[float]] = {name: [] for name in (OURS, SYSID, "sysid to its end", "whole search")}
     with tempfile.TemporaryDirectory() as folder:
         given = fit.problem(Path(folder), joints, runs)
+        shape = {
+            "joints": joints,
+            "runs": runs,
+            "windows": given.search.train.count,
+            "parameters": len(given.start().theta),
+        }
+        if not _has_sysid():
+            return _kept({}, {}, [SYSID], **shape)
         for number in range(rounds + 1):
             ours, theta = fit.ours(given)
             whole, seen = fit.theirs(given)
@@ -61,12 +67,6 @@ def fits(rounds: int, joints: int = 2, runs: int = 3) -> Row:
                 for name, taken in ((OURS, ours), (SYSID, reached), ("sysid to its end", whole)):
                     seconds[name].append(taken)
         seconds["whole search"].append(fit.whole_search(given))
-        shape = {
-            "joints": joints,
-            "runs": runs,
-            "windows": given.search.train.count,
-            "parameters": theta.size,
-        }
     seconds = {name: [x if math.isfinite(x) else whole for x in taken] for name, taken in seconds.items()}
     return _kept(seconds, dict.fromkeys(seconds, 1), loss=losses, **shape)
 

@@ -58,6 +58,18 @@ def test_peers_that_are_not_installed_are_named(monkeypatch, tmp_path, capsys):
     assert json.loads((kept / "sac.json").read_text())["missing"] == ["SBX", "Stable-Baselines3"]
 
 
+def test_a_fit_without_its_peer_has_a_section_that_says_so(monkeypatch, tmp_path):
+    monkeypatch.setattr(rows, "_has_sysid", lambda: False)
+    row = rows.fits(rounds=1)
+    told = {"command": "", "versions": {"machine": ""}, "load_average": [0.0, 0.0]}
+    (tmp_path / "fit.json").write_text(json.dumps(row | told))
+    text = page.markdown(tmp_path)
+    assert f"{row['parameters']} parameters, 2 joints, {row['windows']} windows." in text
+    assert "| mujoco.sysid | not run: `pip install -e '.[peers]'` |" in text
+    # what was not measured is told in words too, without what only a measurement says
+    assert "{" not in text
+
+
 def test_a_missed_mark_is_told_with_its_number(tmp_path):
     row = {
         "seconds": {OURS: [2.0], "SBX": [2.0]},
