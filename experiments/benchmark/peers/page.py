@@ -28,17 +28,20 @@ is above 2, other work ran beside it: rates are too low, and ratios are what to 
 [gpu.md](gpu.md).
 """
 NOTES = {
-    "steps": "{copies} copies. Ours: policy, observation, reward and automatic resets included. Raw `mujoco.batch` steps the same "
+    "steps": "{copies} copies. "
+    "Ours: policy, observation, reward and automatic resets included. Raw `mujoco.batch` steps the same "
     "copies under commands drawn before, and does nothing else. Gymnasium's vector environment (8 copies, one "
     "process) has no policy either. MJX runs our task with the same policy.",
-    "sac": "{updates} updates a call. Each draws its batch from a full buffer of 10,000 transitions. Ours and SBX both make the updates "
+    "sac": "{updates} updates a call. "
+    "Each draws its batch from a full buffer of 10,000 transitions. Ours and SBX both make the updates "
     "of a call in one compiled program. In a profile (`jax.profiler`) about nine tenths of our update are matrix "
     "products with what XLA fuses to them, and SBX has the same products to compute.",
     "grounding": "Ours: five rollout policies, 64 simulators, iterations of 2,048 steps; the discriminator's four "
     "updates on 512 rows of each side, TRPO and the value functions. `imitation` 1.0.1: 2,048 steps of 8 environments, "
     "the same networks, batches and updates, TRPO by sb3-contrib, with one value function and no gradient penalty, on "
     "a log that is drawn; it runs in a Python of its own (it wants gymnasium below 1) and tells its own seconds.",
-    "fit": "{parameters} parameters, {joints} joints, {windows} windows. Ours and sysid's own optimiser (Gauss-Newton, finite differences, MuJoCo's rollouts) minimise the same "
+    "fit": "{parameters} parameters, {joints} joints, {windows} windows. "
+    "Ours and sysid's own optimiser (Gauss-Newton, finite differences, MuJoCo's rollouts) minimise the same "
     "whitened residuals from the nominal model; sysid's clock stops where it first is within 0.1 % of our loss. It "
     "begins a twentieth of its range off its bounds, as it advises. The whole search knows neither which effects act "
     "nor where.",

@@ -18,8 +18,13 @@ LOOSEST = 0.999
 """Share of the model's spring, at most, of which there may be too much."""
 AT_ONCE = 64
 """Numbers of periods that are tried at once."""
+SEEN = 2.0 * np.pi * 2
+"""Fewest periods (rad) in the travel: along less than two a sinusoid is like many a force of the angle, and that it
+comes again was not seen."""
 A_TURN, IN_TRAVEL = 80.0, 2.0 * np.pi * 40
 """Most periods that are tried: a turn, or 40 in the travel where that is more (magnets of a linear motor)."""
+FEWEST_PERIODS = 0.5
+"""Fewest a turn (rad/m: of a slide)."""
 FINEST = 5.0
 """Times as many that a fit may end at."""
 SAYS_OF_SLIDE = (
@@ -147,7 +152,7 @@ class CoggingTorque(Effect):
             Param(
                 "periods",
                 joint_unit(ctx, place, "1", "rad/m"),
-                0.5,
+                max(FEWEST_PERIODS, SEEN / travel),
                 FINEST * _most_periods(travel),
                 0.02 / max(travel, 0.05),
                 prior=20.0,
@@ -156,8 +161,9 @@ class CoggingTorque(Effect):
 
     def starts(self, ctx: Context, place: Place) -> np.ndarray:
         """The sinusoids of the angle that the missing torque is most nearly."""
-        a, b, _ = self.params(ctx, place)
-        unknown = np.array([[a.scale, b.scale, n] for n in (4.0, 12.0)])
+        a, b, n = self.params(ctx, place)
+        low, high = (np.array([getattr(p, k) for p in (a, b, n)]) for k in ("low", "high"))
+        unknown = np.clip([[a.scale, b.scale, some] for some in (4.0, 12.0)], low, high)
         if ctx.samples is None:
             return unknown
         dof = ctx.dof(place)
@@ -174,7 +180,7 @@ class CoggingTorque(Effect):
         span = max(float(np.ptp(q)), 1e-2)
         plain = np.stack([np.ones_like(q), q, v, np.sign(v)], 1) * weight[:, None]
         step = min(1.0, max(0.5, 0.5 * span)) / span
-        periods = np.arange(max(2.0, 3.0 / span), _most_periods(span), step)
+        periods = np.arange(max(2.0, SEEN / span), _most_periods(span), step)
         tried = [
             entry
             for k in range(0, periods.size, AT_ONCE)
@@ -184,7 +190,6 @@ class CoggingTorque(Effect):
         for _, theta in sorted(tried, key=lambda entry: entry[0]):
             if len(picked) < 3 and all(abs(theta[2] - p[2]) > 3.0 / span for p in picked):
                 picked.append(theta)
-        low, high = ([getattr(p, k) for p in self.params(ctx, place)] for k in ("low", "high"))
         return np.clip(picked, low, high) if picked else unknown
 
     def detours(self, ctx: Context, place: Place, theta: np.ndarray) -> np.ndarray:
@@ -195,7 +200,7 @@ class CoggingTorque(Effect):
         q = ctx.samples.q[:, ctx.qadr(place)]
         a, b, n = theta
         change = np.outer((2.0, 4.0, 8.0), (-1.0, 1.0)).ravel() / max(float(np.ptp(q)), 1e-2)
-        change = change[n + change > 0.5]
+        change = change[n + change > self.params(ctx, place)[2].low]
         # sin(n q + phase) at the middle q stays what it is when the phase turns back by the change times q
         phase = np.arctan2(b, a) - change * float(np.median(q))
         size = np.hypot(a, b)

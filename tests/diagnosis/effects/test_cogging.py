@@ -1,5 +1,7 @@
 """Forces that come and go with the position: of turning motors, and of linear ones with their magnets in a row."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,23 @@ def test_what_turns_is_told_by_the_turn():
         Place("joint", "hip", 0), {"amplitude": "0.1 N m", "periods": "7", "phase": "0.4 rad"}
     )
     assert says == "A torque of 0.1 N m that comes and goes 7 times a turn pulls at the hip (cogging)."
+
+
+def test_what_was_not_seen_to_come_again_is_not_asked():
+    """A pocket in which a joint rests, along a travel that holds no two periods of what would be like it."""
+
+    def rests(model, data) -> None:
+        q = data.qpos[0]
+        data.qfrc_applied[0] -= 4.0 * np.tanh(q / 0.02) * np.exp(-((q / 0.06) ** 2))
+
+    s, _ = search_of(STAGE, record(STAGE, 3.0, force=rests, rate=250, noise=1e-5))
+    ctx, place = s.sim.ctx, Place("joint", "x", 0)
+    effect, (travel,) = REGISTRY["cogging_torque"], ctx.travel
+    twice = 4.0 * np.pi / travel
+    assert effect.params(ctx, place)[2].low == pytest.approx(twice)
+    assert all(start[2] >= twice for start in effect.starts(ctx, place))
+    at_least = np.array([0.3, 0.1, 1.001 * twice])
+    assert all(detour[2] > twice for detour in effect.detours(ctx, place, at_least))
+    # nor where nothing tells of the angle
+    blind = replace(ctx, samples=None)
+    assert all(start[2] >= twice for start in effect.starts(blind, place))
