@@ -4,7 +4,8 @@ High-order differences take motion between two rows for noise: at 20 rows a seco
 measured to a tenth of a radian. Where velocities were recorded too, every pair of rows is a prediction of its own:
 from the state as measured, over one interval. What the best hypothesis misses there holds the noise of both rows and
 whatever physics is still missing, so it bounds the noise from above; the lower of the two bounds is taken. What no
-effect explains, where none does, is kept out by forces of any size at two joints at most: the others tell the noise.
+effect explains, where forces leave far less than any, is kept out by these, of any size at two joints at most: the
+others tell the noise.
 """
 
 from __future__ import annotations
@@ -143,8 +144,11 @@ def bound(
         return [(x, _among_itself(sim, x, w, missed)) for x in tried]
 
     assumed, missed = _lowest(start, effects, LOWER)
-    if not assumed.fit.hypothesis.terms:
-        assumed, missed = _lowest(start, forces, CLEARLY)
+    pushed, beside = _lowest(start, forces, CLEARLY)
+    # an effect that takes half of it away may be only like what acts
+    few = mean_logarithm(beside) < mean_logarithm(missed) + np.log(LOWER)
+    if few or not assumed.fit.hypothesis.terms:
+        assumed, missed = pushed, beside
     many = cut(raw, sim.model, noise, period, INTERVALS_IN_THE_END, dt, np.random.default_rng([seed, 12]))
     return _lowered(noise, of_one_row(sim, assumed, many, missed, seed), sim.model)
 
