@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.machine.couplings import led
 from mpge_jax.diagnosis.machine.model import (
     Names,
     actuators_of_joint,
@@ -208,9 +209,15 @@ def check_motion(
         )
     missing = [np.isnan(r.qpos).all(0) for r in recordings]
     unmeasured, sometimes = np.all(missing, axis=0), np.any(missing, axis=0)
+    by = {x.joint: x.by for x in led(model, unmeasured)}
     for j in range(model.njnt):
         columns = slice(*qpos_columns(model, j))
-        if unmeasured[columns].any():
+        if j in by and unmeasured[columns].all():
+            warnings.append(
+                f"the position of joint {names.joints[j]} was never measured; it is taken to follow "
+                f"{names.joints[by[j]]}, as an equality of the model says."
+            )
+        elif unmeasured[columns].any():
             part = "" if unmeasured[columns].all() else "a part of "
             warnings.append(
                 f"{part}the position of joint {names.joints[j]} was never measured; it is taken to stay where the "

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from mpge_jax.diagnosis.machine.couplings import led
 from mpge_jax.diagnosis.machine.joint_space import dof_of_column
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.kalman_smoother import Series, smooth
@@ -94,10 +95,11 @@ def told_with_commands(
     those, reached = _smoothed(recordings, model, noise, jumps)
     heeded = (reached - likelihood)[:looked_at].sum(0) > LIKELIER
     columns = [column for column, dof in dof_of_column(model).items() if heeded[dof]]
-    for states, its, known in zip(without, those, jumps, strict=True):
+    for r, states, its, known in zip(recordings, without, those, jumps, strict=True):
         states.qpos[:, columns] = its.qpos[:, columns]
         for to, of in ((states.qvel, its.qvel), (states.qacc, its.qacc), (states.cov, its.cov)):
             to[:, heeded] = of[:, heeded]
+        _led(r, states, model)
         out.append(replace(states, jumps=np.where(heeded, known, 0.0)))
     return out if heeded.any() else without
 
@@ -163,7 +165,17 @@ def _smoothed(
             likelihood[i, dof] = estimate_.likelihood
     for r, s in zip(recordings, states, strict=True):
         _rotations(r, s, model, noise)
+        _led(r, s, model)
     return states, likelihood
+
+
+def _led(recording: Recording, states: States, model: mujoco.MjModel) -> None:
+    """Joints that were not measured, as equalities tell them from others."""
+    for x in led(model, np.isnan(recording.qpos).all(0)):
+        column, dof, by = model.jnt_qposadr[x.joint], model.jnt_dofadr[x.joint], model.jnt_dofadr[x.by]
+        told = x.along(model, states.qpos, states.qvel, states.qacc)
+        states.qpos[:, column], states.qvel[:, dof], states.qacc[:, dof], slope = told
+        states.cov[:, dof] = slope[:, None, None] ** 2 * states.cov[:, by]
 
 
 def _speed(time: Array, value: Array) -> Array:
