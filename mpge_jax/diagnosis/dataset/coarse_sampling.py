@@ -27,7 +27,7 @@ from mpge_jax.diagnosis.estimation.whitening import Whitener, column_scale
 from mpge_jax.diagnosis.machine.model import qpos_columns
 from mpge_jax.diagnosis.recordings.measurement_noise import SIGMA_FLOOR, SIGMA_VELOCITY_FLOOR, Noise
 from mpge_jax.diagnosis.recordings.recording import Recording
-from mpge_jax.diagnosis.recordings.states import States
+from mpge_jax.diagnosis.recordings.states import States, follow_equalities
 from mpge_jax.diagnosis.simulation.batch_simulator import Simulator
 from mpge_jax.diagnosis.simulation.driving.drive_signal import Source
 from mpge_jax.diagnosis.simulation.windows import Windows
@@ -111,7 +111,9 @@ def states_as_measured(recordings: list[Recording], model: mujoco.MjModel, noise
         for k in range(2):
             part = scale[k * model.nv : (k + 1) * model.nv]
             cov[:, :, k, k] = np.where(np.isfinite(part), part, 1.0) ** 2
-        out.append(States(qpos, qvel, qacc, cov))
+        states = States(qpos, qvel, qacc, cov)
+        follow_equalities(r, states, model)
+        out.append(states)
     return out
 
 
@@ -146,8 +148,8 @@ def bound(
     assumed, missed = _lowest(start, effects, LOWER)
     pushed, beside = _lowest(start, forces, CLEARLY)
     # an effect that takes half of it away may be only like what acts
-    few = mean_logarithm(beside) < mean_logarithm(missed) + np.log(LOWER)
-    if few or not assumed.fit.hypothesis.terms:
+    far_less = mean_logarithm(beside) < mean_logarithm(missed) + np.log(LOWER)
+    if far_less or not assumed.fit.hypothesis.terms:
         assumed, missed = pushed, beside
     many = cut(raw, sim.model, noise, period, INTERVALS_IN_THE_END, dt, np.random.default_rng([seed, 12]))
     return _lowered(noise, of_one_row(sim, assumed, many, missed, seed), sim.model)

@@ -73,9 +73,9 @@ class Bank:
 
 
 def _joined(
-    b: Balance, nominal: Array, made: Array, entries: list[Entry], starts: Iterable[tuple[Term, Array]]
+    b: Balance, nominal: Array, made: Array, entries: list[Entry], starts: list[tuple[Term, Array]]
 ) -> Bank:
-    entries, starts, at = list(entries), list(starts), len(made)
+    entries, at = list(entries), len(made)
     changes = [b.changes(*s) for s in starts]
     # filters take all columns at once
     seen = b.as_measured(np.concatenate(changes)) if changes else made

@@ -99,7 +99,7 @@ def told_with_commands(
         states.qpos[:, columns] = its.qpos[:, columns]
         for to, of in ((states.qvel, its.qvel), (states.qacc, its.qacc), (states.cov, its.cov)):
             to[:, heeded] = of[:, heeded]
-        _led(r, states, model)
+        follow_equalities(r, states, model)
         out.append(replace(states, jumps=np.where(heeded, known, 0.0)))
     return out if heeded.any() else without
 
@@ -165,12 +165,12 @@ def _smoothed(
             likelihood[i, dof] = estimate_.likelihood
     for r, s in zip(recordings, states, strict=True):
         _rotations(r, s, model, noise)
-        _led(r, s, model)
+        follow_equalities(r, s, model)
     return states, likelihood
 
 
-def _led(recording: Recording, states: States, model: mujoco.MjModel) -> None:
-    """Joints that were not measured, as equalities tell them from others."""
+def follow_equalities(recording: Recording, states: States, model: mujoco.MjModel) -> None:
+    """Set joints that were not measured to what equalities tell of them from others."""
     for x in led(model, np.isnan(recording.qpos).all(0)):
         column, dof, by = model.jnt_qposadr[x.joint], model.jnt_dofadr[x.joint], model.jnt_dofadr[x.by]
         told = x.along(model, states.qpos, states.qvel, states.qacc)

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from mpge_jax.diagnosis import Recording
+from mpge_jax.diagnosis.dataset.coarse_sampling import states_as_measured
 from mpge_jax.diagnosis.machine.couplings import led
+from mpge_jax.diagnosis.recordings.measurement_noise import Noise
 from tests.diagnosis.searches import prepared_of
 
 LIFT = """<mujoco><option timestep="0.002" gravity="0 0 -9.81"/><worldbody>
@@ -39,6 +41,16 @@ def test_its_motion_by_hand():
 def test_an_equality_that_is_off_tells_nothing():
     off = mujoco.MjModel.from_xml_string(LIFT.replace('joint2="sheave"', 'joint2="sheave" active="false"'))
     assert led(off, np.array([False, True, True])) == []
+
+
+def test_states_that_are_taken_as_measured_follow_too():
+    q = np.array([[0.0, 0.5, np.nan], [0.0, 0.7, np.nan]])
+    v = np.array([[0.0, 2.0, np.nan], [0.0, 2.0, np.nan]])
+    noise = Noise(np.array([1e-3, 1e-3, np.inf]), np.array([1e-2, 1e-2, np.inf]), np.zeros(3))
+    (states,) = states_as_measured([Recording("ride", np.array([0.0, 0.1]), q, v)], MODEL, noise)
+    np.testing.assert_allclose(states.qpos[:, 2], [-0.455, -0.631])
+    np.testing.assert_allclose(states.qvel[:, 2], [-1.8, -1.72])
+    np.testing.assert_allclose(states.cov[:, 2, 0, 0], 1e-6 * np.array([0.9, 0.86]) ** 2)
 
 
 def test_windows_begin_where_the_machine_can_be():
