@@ -11,6 +11,7 @@ KINDS: dict[str, tuple[Any, str]] = {
     "int | None": (Integral | None, "a whole number or None"),
     "float": (Real, "a number"),
     "bool": (bool, "True or False"),
+    "tuple[str, ...] | None": (tuple | list | None, "a tuple of names or None"),
 }
 
 

@@ -1,6 +1,7 @@
 """How action transformers are learned: the configuration of `mpge_jax.grounding.adversarial`."""
 
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Literal
 
 from mpge_jax.grounding.discriminator import DiscriminatorConfig
@@ -62,6 +63,11 @@ class GroundingConfig:
             "discriminator_updates",
             "discriminator_batch",
         )
+        for name in (*names, "restart_steps", "value_epochs", "value_minibatch"):
+            if not isinstance(getattr(self, name), Integral):
+                raise ValueError(
+                    f"GroundingConfig: {name} must be a whole number, got {getattr(self, name)!r}."
+                )
         for name in names:
             if getattr(self, name) < 1:
                 raise ValueError(f"GroundingConfig: {name} must be at least 1, got {getattr(self, name)}.")

@@ -52,6 +52,7 @@ def ground(
     Raises:
       ValueError: a log that does not fit `env` or the policies, or a checkpoint in `folder` of another run.
     """
+    _check_kinds(rollout_policies, target_log, config, key)
     one = lambda tree: jax.tree.map(lambda x: x[None], tree)  # noqa: E731
     if options.get("start") is not None:
         options["start"] = one(options["start"])
@@ -100,6 +101,7 @@ def ground_ensemble(
     Raises:
       ValueError: as `ground`.
     """
+    _check_kinds(rollout_policies, logs, config, keys)
     starts = {} if start is None else {"starting transformers": start.input_mean}
     params = jax.tree.leaves(rollout_policies.params)[0]
     _check_stacked(keys, {"rollout policies": params, "target logs": logs.count, **starts})
@@ -165,6 +167,16 @@ def ground_ensemble(
         quiet=quiet,
     )
     return state.result, curve
+
+
+def _check_kinds(policies: Any, log: Any, config: Any, key: Any) -> None:
+    """Makes sure that what is given stands where it belongs."""
+    given = (("rollout policies", policies, RolloutPolicies), ("target log", log, TargetLog))
+    for name, value, kind in (*given, ("config", config, GroundingConfig)):
+        if not isinstance(value, kind):
+            raise ValueError(f"the {name} must be a {kind.__name__}, not {type(value).__name__}")
+    if not isinstance(key, jax.Array):
+        raise ValueError(f"the key must be one of JAX, as jax.random.key(0), not {type(key).__name__}")
 
 
 def _check_stacked(keys: jax.Array, given: dict[str, jax.Array]) -> None:

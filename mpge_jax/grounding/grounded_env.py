@@ -18,12 +18,25 @@ class GroundedEnv(Wrapper):
     Args:
       env: the simulator.
       transformers: one transformer, or N of them stacked (every leaf `[N, ...]`).
+
+    Raises:
+      ValueError: these are no transformers, or those of another task.
     """
 
     _env: Env
 
     def __init__(self, env: Env, transformers: Transformer):
         super().__init__(env)
+        if not isinstance(transformers, Transformer):
+            raise ValueError(
+                f"GroundedEnv needs transformers, as `ground` returns them, not {transformers!r:.60}"
+            )
+        size, inputs = env.observation_size + env.action_size, int(transformers.input_mean.shape[-1])
+        if inputs != size:
+            raise ValueError(
+                f"these transformers are of another task: they take {inputs} numbers, but {env.name} has "
+                f"{env.observation_size} observations and {env.action_size} actions"
+            )
         stacked = transformers.input_mean.ndim == 2
         self._members = transformers if stacked else jax.tree.map(lambda x: x[None], transformers)
 

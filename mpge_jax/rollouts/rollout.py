@@ -59,7 +59,10 @@ class RolloutPolicies(flax.struct.PyTreeNode):
                 f"these rollout policies cannot act on the {env.observation_size} observations of {env.name} "
                 f"({type(error).__name__}: {reason})"
             ) from error
-        if found.shape != (env.action_size,):
+        shape = getattr(found, "shape", None)
+        if shape != (env.action_size,):
+            what = f"a {type(found).__name__}" if shape is None else f"actions of shape {shape}"
             raise ValueError(
-                f"these rollout policies give actions of shape {found.shape}, {env.name} wants ({env.action_size},)"
+                f"these rollout policies give {what}, {env.name} wants an array of shape ({env.action_size},); each "
+                f"acts by its own row of the parameters, whose first axis counts the policies (here {self.size})"
             )

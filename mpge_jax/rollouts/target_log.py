@@ -3,6 +3,7 @@
 Shapes: `K` rollout policies, `M` the largest number of transitions of one of them, `O` observation, `A` action size.
 """
 
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -75,8 +76,11 @@ def collect(key: PRNGKeyArray, env: Environment, policies: RolloutPolicies, budg
     Where the budget does not divide, the first policies take one step more. `key` is consumed.
 
     Raises:
-      ValueError: the budget is smaller than the number of policies, or these are policies of another task.
+      ValueError: the budget is no whole number or smaller than the number of policies, or these are policies of another
+        task.
     """
+    if not isinstance(budget, Integral):
+        raise ValueError(f"a budget of target steps is a whole number, not {budget!r}")
     policies.check_fits(env)
     size = policies.size
     if budget < size:

@@ -209,6 +209,8 @@ def test_target_rows_match_the_policies_of_the_grounded_rows(monkeypatch):
     [
         ({"num_envs": 0}, "num_envs must be at least 1, got 0"),
         ({"iterations": 0}, "iterations must be at least 1"),
+        ({"iterations": 1.5}, "iterations must be a whole number, got 1.5"),
+        ({"num_envs": "64"}, "num_envs must be a whole number, got '64'"),
         ({"restart_steps": -1}, "restart_steps must not be negative"),
         ({"averaging": 1.0}, r"averaging must lie in \[0, 1\)"),
         ({"value_minibatch": 4096}, "value_minibatch of 4096 exceeds the batch of 192"),
@@ -270,6 +272,19 @@ def test_shapes_that_do_not_match_are_named():
     broken = small.log().replace(action=small.log().action.at[1, 2].set(jnp.nan))
     with pytest.raises(ValueError, match="action of policy 1 is not finite in row 2"):
         ground(env, sets, small.stacked(small.log(), broken))
+
+
+def test_what_stands_in_the_wrong_place_is_named():
+    policies, log, config, key = points.policies(), points.log(), points.CONFIG, jax.random.key(0)
+    ground = partial(mpge_jax.ground, points.SOURCE, quiet=True)
+    with pytest.raises(ValueError, match="the rollout policies must be a RolloutPolicies, not TargetLog"):
+        ground(log, policies, config, key)
+    with pytest.raises(ValueError, match="the target log must be a TargetLog, not NoneType"):
+        ground(policies, None, config, key)
+    with pytest.raises(ValueError, match="the config must be a GroundingConfig, not dict"):
+        ground(policies, log, {"iterations": 1}, key)
+    with pytest.raises(ValueError, match=r"the key must be one of JAX, as jax.random.key\(0\), not int"):
+        ground(policies, log, config, 0)
 
 
 def test_a_start_is_gone_on_from_and_stays_usable():

@@ -1,5 +1,7 @@
 """Rollout policies: any pure function of parameters, observation and key."""
 
+import inspect
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -42,7 +44,11 @@ def test_a_set_of_sac_policies_samples_its_actions():
         ),
         (
             RolloutPolicies(params=jnp.zeros((2, 1)), act=lambda p, obs, key: jnp.zeros(3)),
-            r"give actions of shape \(3,\), Point wants \(1,\)",
+            r"give actions of shape \(3,\), Point wants an array of shape \(1,\); .* \(here 2\)",
+        ),
+        (
+            RolloutPolicies(params=jnp.zeros((2, 1)), act=lambda p, obs, key: [0.0]),
+            r"give a list, Point wants an array",
         ),
         (
             RolloutPolicies(params=jnp.zeros((2, 5)), act=lambda p, obs, key: p @ obs),
@@ -54,3 +60,9 @@ def test_policies_that_do_not_fit_are_told_in_one_sentence(policies, message):
     with pytest.raises(ValueError, match=message) as error:
         target_log.collect(jax.random.key(0), points.TARGET, policies, 10)
     assert "\n" not in str(error.value)
+
+
+def test_a_budget_is_a_whole_number():
+    with pytest.raises(ValueError, match=r"a budget of target steps is a whole number, not 10\.5"):
+        # without the types that these tests check
+        inspect.unwrap(target_log.collect)(jax.random.key(0), points.TARGET, points.policies(), 10.5)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import cache
 
 import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.machine.model import Names, command_limits
+from mpge_jax.diagnosis.recordings.checks import not_radians
 from mpge_jax.diagnosis.recordings.formats.tables import Log
 from mpge_jax.diagnosis.recordings.joining import Joined, quantity_of
 from mpge_jax.diagnosis.recordings.joint_names import joint_columns
 from mpge_jax.diagnosis.recordings.recording import Recording
+from mpge_jax.diagnosis.recordings.states import States, estimate
 from mpge_jax.diagnosis.recordings.validation import SLOWEST, look_like_degrees
 
 Array = np.ndarray
@@ -78,7 +81,8 @@ def doubts(
     # a slope by wrong times says nothing of velocities
     if out:
         arrays.pop("time", None)
-    out += _joints(arrays, model, names)
+    far = _beyond_torque(recording, model, names) if not out else {}
+    out += _joints(arrays, model, names, far)
     out += _actuators(arrays, model, names)
     return out
 
@@ -99,7 +103,21 @@ def _clocks(log: Log, recording: Recording | None) -> Iterator[Doubt]:
             yield f"times of {title} are {step:.3g} s apart, {1 / step:.3g} rows a second: another unit?", {}
 
 
-def _joints(arrays: dict[str, Array], model: mujoco.MjModel, names: Names) -> Iterator[Doubt]:
+def _beyond_torque(recording: Recording | None, model: mujoco.MjModel, names: Names) -> dict[int, str]:
+    """Hinges whose motion, if it were in radians, would need far more torque than they had, and what to say."""
+    if recording is None or recording.ctrl is None:
+        return {}
+
+    @cache
+    def states() -> list[States]:
+        return estimate([recording], model, names)[1]
+
+    return dict(not_radians([recording], states, model, names, [recording.ctrl]))
+
+
+def _joints(
+    arrays: dict[str, Array], model: mujoco.MjModel, names: Names, far: Mapping[int, str]
+) -> Iterator[Doubt]:
     if "qpos" not in arrays:
         return
     for name, column in joint_columns(model, names, "qpos"):
@@ -117,6 +135,8 @@ def _joints(arrays: dict[str, Array], model: mujoco.MjModel, names: Names) -> It
         if not slides and limited and largest > full:
             asked = "degrees, or a share of the range?"
             yield f"positions of {name} reach {largest:.3g} beside {span} rad: {asked}", in_degrees
+        elif j in far:
+            yield f"{far[j]}: degrees?", in_degrees
         elif look_like_degrees(model, j, q):
             yield f"positions of {name} look like degrees; radians are needed", in_degrees
         else:

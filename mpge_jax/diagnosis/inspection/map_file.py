@@ -11,6 +11,7 @@ from mpge_jax.diagnosis.inspection.doubts import Doubt
 from mpge_jax.diagnosis.inspection.overview import Overview
 from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.column_map import csv_places
+from mpge_jax.diagnosis.recordings.formats.plain import unit_of
 from mpge_jax.diagnosis.recordings.formats.tables import Column
 
 
@@ -61,7 +62,8 @@ def _line(target: str, entry: object, units: Mapping[str, tuple[str, str]]) -> s
 
 def _entry(column: Column, part: int) -> dict[str, object]:
     if column.titles is not None:
-        return {"from": column.titles[part]}
+        title, (_, unit) = column.titles[part], unit_of(column.titles[part])
+        return {"from": title} | ({"unit": unit} if unit else {})
     if column.values.shape[1] == 1:
         return {"from": column.title}
     name = column.parts[part] if column.parts and column.parts.count(column.parts[part]) == 1 else part
@@ -71,7 +73,9 @@ def _entry(column: Column, part: int) -> dict[str, object]:
 def _time(overview: Overview, units: Mapping[str, tuple[str, str]]) -> Iterable[str]:
     if "time" in overview.given:
         return [_line("time", overview.given["time"], units)]
-    base = overview.joined.base if overview.joined else None
+    base = (
+        overview.joined.base if overview.joined else overview.log.tables[0] if overview.log.tables else None
+    )
     if base is not None and base.time_title is not None and "time" in units:
         return [_line("time", {"from": base.time_title}, units)]
     if base is None or base.time is None:

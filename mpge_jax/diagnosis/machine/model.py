@@ -33,6 +33,8 @@ def load_spec(source: str | Path | mujoco.MjSpec, text: bytes | None = None) -> 
     """
     if isinstance(source, mujoco.MjSpec):
         return _explicit(source.copy())
+    if not isinstance(source, str | Path):
+        raise InputError(f"a model is the path of a file or an MjSpec, not {type(source).__name__}.")
     path = Path(source)
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"
@@ -40,6 +42,8 @@ def load_spec(source: str | Path | mujoco.MjSpec, text: bytes | None = None) -> 
     model_files.check(path.resolve())
     try:
         return _explicit(model_files.read_spec(path.resolve(), text))
+    except InputError:
+        raise
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"MuJoCo cannot load {path.name}: {' '.join(str(error).split())}") from None
 

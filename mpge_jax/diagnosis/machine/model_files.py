@@ -124,11 +124,17 @@ def read_spec(path: Path, text: bytes | None = None) -> mujoco.MjSpec:
     """
     tree = _read(path) if text is None else ET.fromstring(text)
     if tree.tag != "robot" and text is None:
+        if path.suffix.lower() != ".xml":
+            raise InputError(f"MuJoCo reads MJCF from files that end in .xml; rename {path.name}.")
         return mujoco.MjSpec.from_file(str(path))
     if tree.tag != "robot" and text is not None:
         spec = mujoco.MjSpec.from_string(text.decode())
         spec.modelfiledir = f"{path.parent}{os.sep}"
         return spec
+    if any("xacro" in e.tag or any("${" in value for value in e.attrib.values()) for e in tree.iter()):
+        raise InputError(
+            f"{path.name} holds macros of xacro; write them out first: xacro {path.name} > robot.urdf."
+        )
     assets: dict[str, bytes] = {}
     folders = [path.parent]
     for compiler in tree.iter("compiler"):

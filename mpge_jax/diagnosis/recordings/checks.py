@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import mujoco
 import numpy as np
 
@@ -83,7 +85,12 @@ def check_copies(train: list[Recording], held: list[Recording], warnings: list[s
 
 
 def check_model(model: mujoco.MjModel, names: Names, warnings: list[str]) -> None:
-    """Warn of what a model hides: disabled forces, and what integrators hold."""
+    """Warn of what a model lacks or hides: actuators, disabled forces, and what integrators hold."""
+    if model.nu == 0:
+        warnings.append(
+            "the model has no actuators, so that the machine is taken to move by itself: whatever drove it counts as "
+            "physics that is missing."
+        )
     for flag, word in (
         (mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS, "frictionloss"),
         (mujoco.mjtDisableBit.mjDSBL_DAMPER, "damper"),
@@ -154,11 +161,27 @@ def check_units(
     names: Names,
     forces: list[np.ndarray],
 ) -> None:
-    """Raises InputError where positions of a hinge cannot be radians: it turns far, and its inertia alone would need
-    far more torque than its drives and gravity give.
+    """Raises InputError where positions of a hinge cannot be radians (`not_radians`)."""
+    for j, why in not_radians(recordings, lambda: states, model, names, forces):
+        raise InputError(
+            f"{why}. Give radians, or a map with 'qpos:{names.joints[j]}: {{from: ..., unit: deg}}' (ticks: scale: "
+            "2 pi over the ticks of a turn)."
+        )
+
+
+def not_radians(
+    recordings: list[Recording],
+    states: Callable[[], list[States]],
+    model: mujoco.MjModel,
+    names: Names,
+    forces: list[np.ndarray],
+) -> Iterator[tuple[int, str]]:
+    """Hinges of which positions cannot be radians, and why: they turn far, and their inertia alone would need far more
+    torque than their drives and gravity give.
 
     Args:
-        forces: [T, nu] of actuators that pass on their command or a measured force.
+        states: asked for where a joint turns far. forces: [T, nu] of actuators that pass on their command or a measured
+            force.
     """
     for j in range(model.njnt):
         if model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE:
@@ -170,13 +193,13 @@ def check_units(
             continue
         gains = model.actuator_gear[own, 0] * model.actuator_gainprm[own, 0]
         driven = _rms([f[:, own] @ gains for f in forces])
-        needed = float(model.dof_M0[dof]) * _rms([x.qacc[:, dof] for x in states])
-        given = driven + _rms([_weight(model, x)[:, dof] for x in states])
+        needed = float(model.dof_M0[dof]) * _rms([x.qacc[:, dof] for x in states()])
+        given = driven + _rms([_weight(model, x)[:, dof] for x in states()])
         if needed > BEYOND * given:
-            raise InputError(
+            yield (
+                j,
                 f"positions of {names.joints[j]} reach {far:.4g}, and cannot be radians: to turn like that it would "
-                f"need {needed:.2g} N m, where drive and gravity give {given:.2g}. Give radians, or a map with "
-                f"'qpos:{names.joints[j]}: {{from: ..., unit: deg}}' (ticks: scale: 2 pi over the ticks of a turn)."
+                f"need {needed:.2g} N m, where drive and gravity give {given:.2g}",
             )
 
 

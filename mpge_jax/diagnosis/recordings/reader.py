@@ -16,10 +16,11 @@ from mpge_jax.diagnosis.machine.model import Names
 from mpge_jax.diagnosis.recordings.column_map import apply, apply_to, content, sources
 from mpge_jax.diagnosis.recordings.command_lag import LONGEST, NOT_TOLD, common_lag, what_drives
 from mpge_jax.diagnosis.recordings.formats.arrays import KEYS, raw_columns, read_npz
-from mpge_jax.diagnosis.recordings.formats.plain import aliased_log, read_csv
+from mpge_jax.diagnosis.recordings.formats.plain import aliased_log, read_csv, unit_of
 from mpge_jax.diagnosis.recordings.formats.registry import ARRAYS, find_files, other_logs, read_logs
 from mpge_jax.diagnosis.recordings.formats.tables import Log, check_values
 from mpge_jax.diagnosis.recordings.joining import Joined, columns_at, fill, join, listed
+from mpge_jax.diagnosis.recordings.joint_names import joint_columns
 from mpge_jax.diagnosis.recordings.recording import Recording, chain_transitions, from_zero
 from mpge_jax.diagnosis.recordings.rows.full_turns import unwrapped
 from mpge_jax.diagnosis.recordings.rows.rows_in_time import without_empty_rows
@@ -44,17 +45,22 @@ def read_recording(
     else:
         data = read_npz(path)
     notes: list[str] = []
+    read = sources(columns)
     if _lacks(data, model):
-        data, notes = _by_aliases(path, data, columns, model, names)
+        data, notes, titles = _by_aliases(path, data, columns, model, names)
+        read |= titles
     if columns:
         data = apply(path, data, columns, model, names)
     for key in ("time", "qpos"):
         if key not in data:
             why = next((f"; {note.removesuffix('.')}" for note in notes if f" as {key}:" in note), "")
+            shown = "qpos:JOINT" if key == "qpos" and path.suffix.lower() == ".csv" else key
             raise InputError(
-                f"{path.name}: there is no '{key}', but {', '.join(raw_columns(path, set())[1])[:300]}{why}; a "
-                "recording needs 'time' and 'qpos' (a file with other names can be read with --map)."
+                f"{path.name}: there is no '{shown}', but {', '.join(raw_columns(path, set())[1])[:300]}{why}; a "
+                "recording needs 'time' and 'qpos' (a file with other names can be read with --map, and "
+                "`python -m experiments.inspect` writes a map to start from)."
             )
+    notes += _overlooked(path, data, read, model, names)
     return _recording(path.name, _readable(path.stem), data, model, names, called, notes)
 
 
@@ -72,18 +78,43 @@ def _by_aliases(
     columns: Mapping[str, object],
     model: mujoco.MjModel,
     names: Names,
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """What a file lacks, from columns of other names that people use; unless a map names it."""
+) -> tuple[dict[str, np.ndarray], list[str], set[str]]:
+    """What a file lacks, from columns of other names that people use, unless a map names it; what there is to say of
+    that, and the titles of these columns."""
     log = aliased_log(path)
     mapped = mapped_keys(columns)
     lacking = {"time", "qpos", "qvel", "ctrl", "actuator_force"} - set(mapped)
     lacking -= {k for k, v in data.items() if v.dtype.kind != "f" or not np.isnan(v).all()}
     if log is None or not lacking:
-        return data, []
+        return data, [], set()
     kept = {k: "" for k in ("qpos", "qvel", "ctrl", "actuator_force") if k not in lacking}
     joined = Joined(log.tables[0])
     fill(joined, log, kept, model, names)
-    return {**data, **{k: v for k, v in joined.data.items() if k in lacking}}, joined.notes
+    read = {title for column, _ in joined.found.values() for title in column.titles or (column.title,)}
+    read |= {t.time_title for t in log.tables if t.time_title is not None}
+    return {**data, **{k: v for k, v in joined.data.items() if k in lacking}}, joined.notes, read
+
+
+def _overlooked(
+    path: Path, data: Mapping[str, np.ndarray], read: set[str], model: mujoco.MjModel, names: Names
+) -> list[str]:
+    """What to say of columns of a CSV file that nothing is read from, where the positions of a joint are lacking.
+
+    Args:
+        read: titles of columns that are read, beside those that a recording has.
+    """
+    if path.suffix.lower() != ".csv":
+        return []
+    lacking = [name for name, i in joint_columns(model, names, "qpos") if np.isnan(data["qpos"][:, i]).all()]
+    titles = raw_columns(path, set())[1]
+    unread = [t for t in titles if t not in read and unit_of(t)[0].partition(":")[0] not in KEYS]
+    if not lacking or not unread:
+        return []
+    return [
+        f"{path.stem}: there are no positions of {', '.join(lacking)}, and {', '.join(unread)[:300]} "
+        f"{'is' if len(unread) == 1 else 'are'} not read; if they are there under another name, call them "
+        f"'qpos:{lacking[0]}' or give a map."
+    ]
 
 
 def mapped_keys(columns: Mapping[str, object]) -> dict[str, str]:
@@ -171,7 +202,8 @@ def _recording(
             what = "commands ('ctrl')" if key == "ctrl" else "forces of actuators"
             raise InputError(
                 f"{name} holds {what}, but the model has no actuators (a URDF never has): add them in an MJCF, as "
-                '<actuator><motor joint="..."/></actuator> for commanded torques, or leave that column out.'
+                '<actuator><motor joint="..."/></actuator> for commanded torques. Leave that column out only if '
+                "nothing drove the machine: all that did would count as physics that is missing."
             )
     recording = Recording(
         name,

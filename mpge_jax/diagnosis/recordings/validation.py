@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -15,8 +16,13 @@ from mpge_jax.diagnosis.recordings.recording import Recording, longest_step, qua
 Array = np.ndarray
 LARGEST = 1e9
 """Positions, velocities, commands or forces beyond which a number is no measurement."""
+SINCE_1970 = 1e8
+"""Seconds beyond which times are those of a clock that began in 1970."""
 SLOWEST = 1.0
 """Typical seconds between rows above which a clock is not in seconds, or nothing is seen of the motion."""
+TURNS_LOOKED_AT, UNLIKE, ALIKE = 2000, 0.5, 0.9
+"""Rows by which the order of quaternions is told, and the correlation of how these turn with recorded velocities below
+which the two are no longer of one motion, and from which on they are."""
 
 
 def row_from_zero(row: int) -> str:
@@ -43,6 +49,12 @@ def validate(
         row = int(np.flatnonzero(~np.isfinite(time))[0])
         raise InputError(f"{name}: 'time' is not finite at {called(row)}; remove or repair that row.")
     steps = np.diff(time)
+    if (steps == 0).mean() > 0.5:
+        single = "; seconds since 1970 need double precision" if abs(time[0]) > SINCE_1970 else ""
+        raise InputError(
+            f"{name}: most rows have the time of the row before ({time[0]:.10g} at first){single}; save the time of "
+            "every row."
+        )
     if (steps <= 0).any():
         row = int(np.flatnonzero(steps <= 0)[0]) + 1
         word = "repeats" if steps[row - 1] == 0 else "runs backwards"
@@ -84,7 +96,7 @@ def validate(
                 "'actuator_force' is NaN throughout; record one of the two."
             )
     notes = list(_warnings(recording, model, names))
-    return replace(_unit_quaternions(recording, model, called), warnings=(*recording.warnings, *notes))
+    return replace(_unit_quaternions(recording, model, names, called), warnings=(*recording.warnings, *notes))
 
 
 def _of_arrays(r: Recording) -> Recording:
@@ -146,7 +158,9 @@ def _column_name(model: mujoco.MjModel, names: Names, key: str, column: int) -> 
     return names.actuators[column]
 
 
-def _unit_quaternions(recording: Recording, model: mujoco.MjModel, called: Callable[[int], str]) -> Recording:
+def _unit_quaternions(
+    recording: Recording, model: mujoco.MjModel, names: Names, called: Callable[[int], str]
+) -> Recording:
     columns = quaternion_columns(model)
     if not columns:
         return recording
@@ -159,14 +173,51 @@ def _unit_quaternions(recording: Recording, model: mujoco.MjModel, called: Calla
         if (np.abs(norm - 1) > 0.05).any() or np.isnan(norm).any():
             row = int(np.flatnonzero(~(np.abs(norm - 1) <= 0.05))[0])
             raise InputError(
-                f"{recording.name}: the quaternion of joint {joint} has length {norm[row]:.3g} at {called(row)}, "
-                "not 1; the order is w x y z."
+                f"{recording.name}: the quaternion of {names.joints[joint]} has length {norm[row]:.3g} at "
+                f"{called(row)}, not 1; the order is w x y z."
             )
         quat = quat / norm[:, None]
+        if _real_part_last(
+            recording, quat, int(model.jnt_dofadr[joint]) + (start - int(model.jnt_qposadr[joint]))
+        ):
+            raise InputError(
+                f"{recording.name}: the quaternion of {names.joints[joint]} turns as its velocities say only if it is "
+                "read as x y z w; give it as w x y z."
+            )
         flip = np.cumprod(np.where((quat[1:] * quat[:-1]).sum(1) < 0, -1.0, 1.0))
         quat[1:] *= flip[:, None]
         qpos[:, start : start + 4] = quat
     return replace(recording, qpos=qpos)
+
+
+def _real_part_last(recording: Recording, quat: Array, dof: int) -> bool:
+    """Whether quaternions [T, 4] turn as the recorded angular velocity, whose first column is `dof`, does only if their
+    last number is taken for the first."""
+    if recording.qvel is None or recording.qvel.shape[1] < dof + 3:
+        return False
+    recorded = recording.qvel[:TURNS_LOOKED_AT, dof : dof + 3]
+    if not np.isfinite(recorded).all():
+        return False
+    between = 0.5 * (recorded[1:] + recorded[:-1])
+    as_given, as_last = (
+        _likeness(_turning(q[: len(recorded)], recording.time), between)
+        for q in (quat, np.roll(quat, 1, axis=1))
+    )
+    return as_given < UNLIKE and as_last > ALIKE
+
+
+def _turning(quat: Array, time: Array) -> Array:
+    """Angular velocities [T - 1, 3] in the body's frame between quaternions [T, 4]."""
+    out = np.zeros((len(quat) - 1, 3))
+    for k, (before, after) in enumerate(pairwise(quat)):
+        mujoco.mju_subQuat(out[k], after, before)
+    return out / np.diff(time[: len(quat)])[:, None]
+
+
+def _likeness(a: Array, b: Array) -> float:
+    """Correlation of all numbers of two arrays; 0 where one of them rests."""
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float((a * b).sum()) / size if size > 0 else 0.0
 
 
 def _warnings(recording: Recording, model: mujoco.MjModel, names: Names) -> list[str]:

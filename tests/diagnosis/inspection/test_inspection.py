@@ -20,7 +20,7 @@ from mpge_jax.diagnosis.inspection.summary import summary
 from mpge_jax.diagnosis.machine.model import names_of
 from mpge_jax.diagnosis.recordings.column_map import load
 from mpge_jax.diagnosis.recordings.reader import load_recordings
-from tests.diagnosis.machines import ARM
+from tests.diagnosis.machines import ARM, PENDULUM
 from tests.diagnosis.recordings.formats.logs import arm_messages, motion, store, write_lerobot, write_ros2
 
 
@@ -159,6 +159,42 @@ def test_units_that_look_wrong(tmp_path):
     small = ARM.replace('joint="shoulder"/>', 'joint="shoulder" ctrlrange="-.1 .1" forcerange="-.1 .1"/>')
     said = _doubts(tmp_path, small)
     assert "leave its ctrlrange of -0.1 to 0.1" in said and "reaches 0.59, its forcerange 0.1" in said
+
+
+def test_a_motor_that_could_not_turn_a_joint_so_far_tells_degrees(tmp_path):
+    model, t = _model(PENDULUM), np.arange(300) / 100
+    swing = np.stack([np.sin(2 * np.pi * t)], 1)
+    turning = 2 * np.pi * np.stack([np.cos(2 * np.pi * t)], 1)
+    torque = 0.1 * swing
+
+    def said(scale):
+        path = tmp_path / "run.npz"
+        np.savez(path, time=t, qpos=scale * swing, qvel=scale * turning, ctrl=torque)
+        (o,) = overviews(path, *model)
+        return o, "; ".join(o.doubts)
+
+    assert "radians" not in said(1.0)[1]
+    o, doubts = said(180 / np.pi)
+    assert "positions of hinge reach 57.3, and cannot be radians" in doubts
+    assert "velocities of hinge are degrees a second if those are degrees" in doubts
+    assert '"qpos:hinge": {from: "qpos", unit: deg}' in map_text(o, *model)
+
+
+def test_titles_with_units_are_read_and_the_map_names_these(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(
+        "time [ms],shoulder_pos [deg],elbow_pos [deg],shoulder_cmd,elbow_cmd\n"
+        + "".join(f"{10 * k},{k},{2 * k},0,{k % 7}\n" for k in range(30))
+    )
+    (o,) = overviews(path, *_model())
+    assert o.recording is not None
+    assert o.recording.qpos[-1] == pytest.approx(np.deg2rad([29, 58]))
+    text = map_text(o, *_model())
+    assert '"qpos:elbow": {from: "elbow_pos [deg]", unit: "deg"}' in text
+    (tmp_path / "map.yaml").write_text(text)
+    (again,) = load_recordings([path], *_model(), load(tmp_path / "map.yaml"))
+    np.testing.assert_allclose(again.qpos, o.recording.qpos)
+    np.testing.assert_allclose(again.time, o.recording.time)
 
 
 def test_ratios_are_only_told_of_what_goes_together():

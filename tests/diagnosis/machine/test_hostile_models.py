@@ -54,6 +54,30 @@ def test_a_hostile_description_is_refused_in_one_sentence(tmp_path, text, messag
     assert "root:" not in str(caught.value) and most < 200e6
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        (
+            "m.urdf",
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="leg"/></robot>',
+            "m.urdf holds macros of xacro; write them out first: xacro m.urdf > robot.urdf",
+        ),
+        ("m.urdf", '<robot name="a"><link name="${side}"/></robot>', "holds macros of xacro"),
+        ("m.txt", "<mujoco/>", "MuJoCo reads MJCF from files that end in .xml; rename m.txt"),
+    ],
+)
+def test_descriptions_that_have_to_be_changed_first_are_told_how(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        load_spec(tmp_path / name)
+    assert "cannot load" not in str(caught.value)
+
+
+def test_what_is_no_model_is_told():
+    with pytest.raises(InputError, match="a model is the path of a file or an MjSpec, not NoneType"):
+        load_spec(None)
+
+
 def test_copies_that_are_not_many_are_made(tmp_path):
     path = tmp_path / "m.xml"
     path.write_text(

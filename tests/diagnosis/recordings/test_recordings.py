@@ -57,6 +57,8 @@ def test_npz_and_csv_give_the_same_recording(tmp_path, arm):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
+        ({"time": np.zeros(20)}, r"most rows have the time of the row before \(0 at first\); save"),
+        ({"time": 1.7e9 + np.zeros(20)}, r"seconds since 1970 need double precision"),
         ({"time": -0.01 * np.arange(20)}, "runs backwards at row 1, 0 s after the first row, by 0.01 s"),
         (
             {"time": 1732366800.0 + np.r_[0.0, 0.01, 0.009, 0.01 * np.arange(3, 20)]},
@@ -118,6 +120,11 @@ def test_unknown_csv_column_names_what_is_known(tmp_path, arm):
         ("time,qpos:elbow\n0,1\n1,up\n", "'up' in column 'qpos:elbow', line 3, is no number"),
         ("time,qpos:elbow,qpos:elbow\n0,1,1\n", "'qpos:elbow' appears twice"),
         ("t,q\n0,1\n", "there is no 'time', but t, q; .*--map"),
+        ("time\tqpos:elbow\n0\t1\n", "separated by tabs; save it with commas"),
+        ("0,1\n0.01,1\n", "the first line holds numbers; it has to name the columns"),
+        ("time,elbow_deg\n0,1\n1,2\n", "there is no 'qpos:JOINT', but time, elbow_deg; .*--map.*inspect"),
+        ("time,elbow_target_pos\n0,1\n1,2\n", "there is no 'qpos:JOINT'"),
+        ("time,qpos:elbow [turns]\n0,1\n1,2\n", r"'qpos:elbow \[turns\]' names nothing in the model"),
         ("time,qpos:elbow,Größe\n0,1,2\n", "not UTF-8 text"),
     ],
 )
@@ -127,6 +134,33 @@ def test_bad_csv_is_told_in_one_sentence(tmp_path, arm, content, message):
     with pytest.raises(InputError, match=message) as caught:
         read_recording(path, *arm)
     assert "\n" not in str(caught.value) and "run.csv" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "time [ms],qpos:shoulder [deg],qpos:elbow [rad],ctrl:shoulder_motor [N m],ctrl:elbow_servo",
+        "# recorded on a Monday\n# Time [ms],shoulder_pos [deg],elbow.position,shoulder_cmd,elbow_cmd",
+    ],
+)
+def test_a_title_may_name_its_unit_and_say_of_what_joint_it_is(tmp_path, arm, header):
+    path = tmp_path / "run.csv"
+    path.write_text(f"{header}\n0,90,1,3,4\n10,180,2,5,6\n")
+    r = read_recording(path, *arm)
+    np.testing.assert_allclose(r.time, [0.0, 0.01])
+    np.testing.assert_allclose(r.qpos, [[np.pi / 2, 1.0], [np.pi, 2.0]])
+    np.testing.assert_array_equal(r.ctrl, [[3, 4], [5, 6]])
+    assert not any("not read" in w for w in r.warnings)
+
+
+def test_columns_that_are_not_read_are_told_where_a_joint_lacks_its_positions(tmp_path, arm):
+    path = tmp_path / "run.csv"
+    path.write_text("time,qpos:shoulder,q_elbow,ctrl:shoulder_motor,ctrl:elbow_servo\n0,1,2,3,4\n1,2,3,4,5\n")
+    said = read_recording(path, *arm).warnings
+    assert said[0] == (
+        "run: there are no positions of elbow, and q_elbow is not read; if they are there under another name, call "
+        "them 'qpos:elbow' or give a map."
+    )
 
 
 def test_columns_of_other_meaning_may_hold_anything(tmp_path, arm):
@@ -175,6 +209,33 @@ def test_what_goes_many_turns_there_and_back_looks_like_degrees(drive, degrees, 
     given = Recording("swings", time, angle[:, None], None, np.zeros((500, model.nu)))
     said = [w for w in validate(given, model, names_of(model)).warnings if "degrees" in w]
     assert said == ["swings: positions of turn look like degrees; radians are needed."] * told
+
+
+def _turning(seconds: float):
+    """A free body that turns, its quaternions as MuJoCo has them, and its velocities [T, 6]."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body name='box'><freejoint name='root'/><geom size='.1 .2 .3' type='box'/></body>"
+        "</worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    data.qvel[3:] = 1.0, -2.0, 3.0
+    rows = []
+    while data.time < seconds:
+        rows.append((data.time, data.qpos.copy(), data.qvel.copy()))
+        mujoco.mj_step(model, data)
+    time, qpos, qvel = map(np.array, zip(*rows, strict=True))
+    return model, time, qpos, qvel
+
+
+def test_the_order_of_quaternions_is_told_by_how_they_turn():
+    model, time, qpos, qvel = _turning(0.5)
+    names = names_of(model)
+    validate(Recording("run", time, qpos, qvel), model, names)
+    last = np.concatenate([qpos[:, :3], np.roll(qpos[:, 3:], -1, axis=1)], axis=1)
+    with pytest.raises(InputError, match=r"the quaternion of root turns as .* x y z w; give it as w x y z"):
+        validate(Recording("run", time, last, qvel), model, names)
+    # nothing tells it without velocities
+    validate(Recording("run", time, last), model, names)
 
 
 def test_quaternions_must_be_unit():

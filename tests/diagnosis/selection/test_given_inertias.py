@@ -207,6 +207,8 @@ def test_masses_that_are_exact_are_left_alone(off, left_alone):
     assert d.given_inertias is None and d.verdict != "none"
     with pytest.raises(ValueError, match="masses_within must lie between 0 and"):
         Config(masses_within=0.4)
+    with pytest.raises(ValueError, match="effects must be a tuple of names or None, got 'payload_mass'"):
+        Config(effects="payload_mass")
 
 
 @pytest.mark.parametrize("gain", [1.0, 0.8])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 PREFIXES = ("", "observation.", "observations.", "obs.", "obs.robot0.", "observations.robot0.", "infos.")
 NAMES = {
@@ -58,13 +58,42 @@ def best(titles: Iterable[str]) -> dict[str, str]:
     return out
 
 
+AFTER_NAMES = {
+    "joint.position": ("pos", "position"),
+    "joint.velocity": ("vel", "velocity"),
+    "joint.effort": ("effort", "torque"),
+    "ctrl": ("cmd", "command"),
+}
+"""Words after the name of a joint or actuator, by what a column of it alone is called: `elbow_pos`, `motor.cmd`."""
+ASKED_FOR = {"target", "desired", "des", "goal", "ref", "reference", "setpoint", "cmd", "command"}
+"""Words of what a joint was asked for, which is no measurement."""
+_UNIT = re.compile(r"\s*[\[(]\s*([A-Za-z][A-Za-z /*.]*)\s*[\])]$")
+
+
+def split_unit(title: str, units: Collection[str]) -> tuple[str, str | None]:
+    """`elbow_pos [deg]` -> (`elbow_pos`, `deg`), where that is one of the `units`; else the title as it is."""
+    found = _UNIT.search(title)
+    if found is None:
+        return title, None
+    unit = {"Nm": "N m", "N*m": "N m", "N.m": "N m", "sec": "s"}.get(found[1].strip(), found[1].strip())
+    bare = title[: found.start()]
+    # the part of an array may have the name of a unit: action[m]
+    named = meaning(bare) not in (None, "time") and title[found.start()] in "[("
+    return (title, None) if unit not in units or named or not bare else (bare, unit)
+
+
 def split_title(title: str) -> tuple[str, str] | None:
-    """`observation.state.elbow`, `action[2]`, `qpos_0` -> (`observation.state`, `elbow`): a part of an array that was
-    written column by column."""
+    """`observation.state.elbow`, `action[2]`, `qpos_0`, `elbow_pos` -> (`observation.state`, `elbow`): a part of an
+    array that was written column by column."""
     for cut in range(len(title) - 1, 0, -1):
         if not title[cut - 1].isalnum() or title[cut].isalnum():
             continue
         head, tail = title[:cut], title[cut:].strip(".:/[]_- ")
         if tail and meaning(head) is not None:
             return head, tail
-    return None
+    found = re.fullmatch(r"([A-Za-z].*?)[^A-Za-z0-9]+([A-Za-z]+)", title)
+    if found is None or ASKED_FOR & set(_plain(found[1]).split(".")):
+        return None
+    return next(
+        ((whole, found[1]) for whole, words in AFTER_NAMES.items() if found[2].lower() in words), None
+    )

@@ -34,11 +34,19 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     except InputError:
         raise
     except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError) as error:
-        reason = "it holds pickled objects" if "allow_pickle" in str(error) else "the file is damaged"
+        reason = _reason(path, error)
         raise InputError(f"cannot read {path.name}: {reason}; save plain arrays with numpy.savez.") from None
     except Exception as error:  # zlib and header parsers raise types of their own on damaged bytes
         raise InputError(f"cannot read {path.name}: {type(error).__name__} while reading it.") from None
     return out
+
+
+def _reason(path: Path, error: Exception) -> str:
+    """Why NumPy cannot read a file: it takes what is neither an archive nor an array for a pickle."""
+    if "allow_pickle" not in str(error):
+        return "the file is damaged"
+    archive = path.read_bytes()[:1] in (b"P", b"\x93", b"\x80")
+    return "it holds pickled objects" if archive else "it is no .npz file"
 
 
 def _stated(data: np.lib.npyio.NpzFile, key: str) -> tuple[tuple[int, ...], np.dtype]:
@@ -70,7 +78,7 @@ def raw_columns(
     except InputError:
         raise
     except Exception as error:  # damaged archives raise types of their own
-        raise InputError(f"cannot read {path.name}: {type(error).__name__}.") from None
+        raise InputError(f"cannot read {path.name}: {_reason(path, error)}.") from None
 
 
 def _plain(path: Path, data: np.lib.npyio.NpzFile, key: str) -> np.ndarray:

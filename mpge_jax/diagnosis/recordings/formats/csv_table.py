@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from array import array
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +28,7 @@ def read_table(path: Path, must: Callable[[str], bool]) -> tuple[list[str], np.n
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
-            header = [title.strip() for title in next(reader, [])]
-            if len(header) == 1 and ";" in header[0]:
-                raise InputError(f"{path.name}: columns are separated by semicolons; save it with commas.")
+            header = _header(path, reader)
             twice = next((h for h in header if must(h) and header.count(h) > 1), None)
             if twice is not None:
                 raise InputError(f"{path.name}: the column '{twice}' appears twice in the header.")
@@ -43,6 +41,33 @@ def read_table(path: Path, must: Callable[[str], bool]) -> tuple[list[str], np.n
     if not cells:
         raise InputError(f"{path.name}: there are no rows below the header; the first line is the header.")
     return header, np.frombuffer(cells, dtype=float).reshape(-1, len(header)), lines
+
+
+def _header(path: Path, reader: Iterator[list[str]]) -> list[str]:
+    """Titles of the columns: the first line that is no comment, or that a comment holds, as `numpy.savetxt` writes
+    them."""
+    header = [title.strip() for title in next(reader, [])]
+    while len(header) == 1 and header[0].startswith("#"):
+        header = [title.strip() for title in next(reader, [])]
+    if not header:
+        return header
+    header[0] = header[0].removeprefix("#").strip()
+    for separator, word in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and separator in header[0]:
+            raise InputError(f"{path.name}: columns are separated by {word}; save it with commas.")
+    if all(map(_is_number, header)):
+        raise InputError(
+            f"{path.name}: the first line holds numbers; it has to name the columns (time, qpos:JOINT, ctrl:ACTUATOR)."
+        )
+    return header
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _cells(

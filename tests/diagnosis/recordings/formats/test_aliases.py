@@ -41,10 +41,33 @@ def test_titles_mean_what_they_do_elsewhere(title, key):
         ("observation.state:elbow", ("observation.state", "elbow")),
         ("elbow", None),
         ("note_action", None),
+        ("elbow_pos", ("joint.position", "elbow")),
+        ("left_knee_1.Velocity", ("joint.velocity", "left_knee_1")),
+        ("elbow_torque", ("joint.effort", "elbow")),
+        ("motor_cmd", ("ctrl", "motor")),
+        ("elbow_target_pos", None),
+        ("elbow_pos_cmd", ("ctrl", "elbow_pos")),
+        ("_pos", None),
     ],
 )
 def test_titles_of_one_column_of_an_array(title, parts):
     assert aliases.split_title(title) == parts
+
+
+@pytest.mark.parametrize(
+    ("title", "parts"),
+    [
+        ("elbow_pos [deg]", ("elbow_pos", "deg")),
+        ("time (ms)", ("time", "ms")),
+        ("ctrl:motor[Nm]", ("ctrl:motor", "N m")),
+        ("action[m]", ("action[m]", None)),
+        ("action [m]", ("action", "m")),
+        ("elbow [ticks]", ("elbow [ticks]", None)),
+        ("elbow", ("elbow", None)),
+    ],
+)
+def test_a_title_may_name_its_unit(title, parts):
+    assert aliases.split_unit(title, {"deg", "ms", "m", "N m"}) == parts
 
 
 LEROBOT = {"timestamp": "time", "observation.state": "qpos", "observation.velocity": "qvel", "action": "ctrl"}
