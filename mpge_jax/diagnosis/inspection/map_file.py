@@ -63,7 +63,7 @@ def _line(target: str, entry: object, units: Mapping[str, tuple[str, str]]) -> s
 def _entry(column: Column, part: int) -> dict[str, object]:
     if column.titles is not None:
         title, (_, unit) = column.titles[part], unit_of(column.titles[part])
-        return {"from": title} | ({"unit": unit} if unit else {})
+        return {"from": title, "unit": unit} if unit else {"from": title}
     if column.values.shape[1] == 1:
         return {"from": column.title}
     name = column.parts[part] if column.parts and column.parts.count(column.parts[part]) == 1 else part

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from mpge_jax.diagnosis import InputError, Recording
 from mpge_jax.diagnosis.machine.model import compile_variable, load_spec, names_of
+from mpge_jax.diagnosis.recordings.checks import check_model
 from mpge_jax.diagnosis.recordings.column_map import content, load
 from mpge_jax.diagnosis.recordings.reader import load_recordings, read_recording
 from mpge_jax.diagnosis.recordings.recording import chain_transitions
@@ -209,6 +210,17 @@ def test_what_goes_many_turns_there_and_back_looks_like_degrees(drive, degrees, 
     given = Recording("swings", time, angle[:, None], None, np.zeros((500, model.nu)))
     said = [w for w in validate(given, model, names_of(model)).warnings if "degrees" in w]
     assert said == ["swings: positions of turn look like degrees; radians are needed."] * told
+
+
+def test_a_model_without_actuators_is_warned_of(arm):
+    without = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    said = []
+    check_model(*arm, said)
+    assert not said
+    check_model(without, names_of(without), said)
+    assert said[0].startswith("the model has no actuators, so that the machine is taken to move by itself")
 
 
 def _turning(seconds: float):
