@@ -44,6 +44,8 @@ def sections(fleet: Fleet, changes: Mapping[str, Any] | None) -> list[Section]:
 
 def lead(fleet: Fleet) -> str:
     """The fleet in a sentence."""
+    if not fleet.found:
+        return f"None of {len(fleet.failed)} robots could be diagnosed."
     shared = [named(e.key) for e in fleet.effects if e.shared]
     what = f"Most have {', '.join(shared)}." if shared else "They share no effect."
     failed = f", {len(fleet.failed)} could not be" if fleet.failed else ""

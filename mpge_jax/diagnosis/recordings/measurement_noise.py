@@ -82,7 +82,7 @@ def noise_of(
         (derived, "are the differences of the recorded positions: they say nothing more, and are not used."),
         (
             [d for d in wrong if d not in derived],
-            "disagree with the positions (filtered or delayed by the driver); velocities are taken from the positions.",
+            "disagree with the positions (filtered, late or of another sign); velocities are taken from the positions.",
         ),
     ):
         if unused:

@@ -10,6 +10,8 @@ import pytest
 
 from experiments.fleet import __main__ as command
 from experiments.fleet import robot
+from experiments.fleet.comparison import compare
+from experiments.fleet.page import lead
 from mpge_jax import files, own_code
 from mpge_jax.diagnosis import InputError
 from mpge_jax.diagnosis.recordings.formats import own_readers, registry
@@ -113,6 +115,10 @@ def test_odd_robots_come_first_and_failures_stop_nothing(fleet, capsys):
     )
     assert (fleet.folder / "out" / "fleet.png").read_bytes().startswith(b"\x89PNG")
     assert "9 robots were diagnosed, 1 could not be; 2 are odd" in capsys.readouterr().out
+
+
+def test_a_fleet_of_which_nothing_could_be_diagnosed_is_told_as_that():
+    assert lead(compare({}, {"r1": "no file", "r2": "no file"})) == "None of 2 robots could be diagnosed."
 
 
 def test_names_of_robots_and_joints_are_text_on_the_page(fleet):
