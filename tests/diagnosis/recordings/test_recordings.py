@@ -154,6 +154,17 @@ def test_a_title_may_name_its_unit_and_say_of_what_joint_it_is(tmp_path, arm, he
     assert not any("not read" in w for w in r.warnings)
 
 
+def test_columns_by_joint_count_where_no_array_of_another_name_is(tmp_path, arm):
+    path = tmp_path / "run.csv"
+    path.write_text(
+        "timestamp,observation.state.shoulder,observation.state.elbow,action[0],action[1],elbow_pos,elbow_vel\n"
+        "0,1,2,3,4,90,91\n1,5,6,7,8,92,93\n"
+    )
+    r = read_recording(path, *arm)
+    np.testing.assert_array_equal(r.qpos, [[1, 2], [5, 6]])
+    np.testing.assert_array_equal(r.qvel[:, 1], [91, 93])
+
+
 def test_columns_that_are_not_read_are_told_where_a_joint_lacks_its_positions(tmp_path, arm):
     path = tmp_path / "run.csv"
     path.write_text("time,qpos:shoulder,q_elbow,ctrl:shoulder_motor,ctrl:elbow_servo\n0,1,2,3,4\n1,2,3,4,5\n")

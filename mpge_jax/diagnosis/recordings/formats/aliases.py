@@ -23,6 +23,14 @@ NAMES = {
 """Names of the keys of a recording, likeliest first; `.` stands for any separator."""
 WHOLE = {"observation.state": "qpos", "observations.state": "qpos"}
 """Names that mean something only with what stands before them."""
+AFTER_NAMES = {
+    "positions by joint": ("qpos", ("pos", "position")),
+    "velocities by joint": ("qvel", ("vel", "velocity")),
+    "torques by joint": ("actuator_force", ("effort", "torque")),
+    "commands by name": ("ctrl", ("cmd", "command")),
+}
+"""Arrays of columns that are called by a joint or actuator and one of these words: `elbow_pos`, `motor.cmd`. They count
+where no array of another name has what they have."""
 
 
 def _plain(title: str) -> str:
@@ -34,7 +42,9 @@ RANK: dict[str, tuple[str, int]] = {
     for key, of_key in NAMES.items()
     for i, name in enumerate(of_key)
     for j, prefix in enumerate(PREFIXES)
-} | {name: (key, len(NAMES[key]) * len(PREFIXES)) for name, key in WHOLE.items()}
+}
+RANK |= {name: (key, len(NAMES[key]) * len(PREFIXES)) for name, key in WHOLE.items()}
+RANK |= {_plain(name): (key, len(NAMES[key]) * len(PREFIXES) + 1) for name, (key, _) in AFTER_NAMES.items()}
 
 
 def meaning(title: str) -> str | None:
@@ -58,13 +68,6 @@ def best(titles: Iterable[str]) -> dict[str, str]:
     return out
 
 
-AFTER_NAMES = {
-    "joint.position": ("pos", "position"),
-    "joint.velocity": ("vel", "velocity"),
-    "joint.effort": ("effort", "torque"),
-    "ctrl": ("cmd", "command"),
-}
-"""Words after the name of a joint or actuator, by what a column of it alone is called: `elbow_pos`, `motor.cmd`."""
 ASKED_FOR = {"target", "desired", "des", "goal", "ref", "reference", "setpoint", "cmd", "command"}
 """Words of what a joint was asked for, which is no measurement."""
 _UNIT = re.compile(r"\s*[\[(]\s*([A-Za-z][A-Za-z /*.]*)\s*[\])]$")
@@ -95,5 +98,5 @@ def split_title(title: str) -> tuple[str, str] | None:
     if found is None or ASKED_FOR & set(_plain(found[1]).split(".")):
         return None
     return next(
-        ((whole, found[1]) for whole, words in AFTER_NAMES.items() if found[2].lower() in words), None
+        ((whole, found[1]) for whole, (_, words) in AFTER_NAMES.items() if found[2].lower() in words), None
     )
