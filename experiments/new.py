@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import mujoco
 import tyro
 
 from mpge_jax import own_envs as own_envs  # isort: split
@@ -51,11 +50,7 @@ def write(args: Args) -> tuple[Path, Robot]:
         raise ValueError(f"--out {out} must end in .py")
     if out.exists():
         raise ValueError(f"{out} exists already; remove it or give another --out")
-    try:
-        robot = robot_of(args.model, out, args.name or _free(name_of(args.model.stem)))
-    except (ValueError, mujoco.FatalError) as error:
-        said = " ".join(str(error).split())
-        raise ValueError(said if args.model.name in said else f"{args.model}: {said}") from None
+    robot = robot_of(args.model, out, args.name or _free(name_of(args.model.stem)))
     files.write_text(out, text_of(robot))
     envs.make(f"{out}:{robot.name}", "c")
     return out, robot

@@ -318,7 +318,7 @@ MUTANTS = (
     Mutant(
         "quaternions with the real part last are not told",
         "mpge_jax/diagnosis/recordings/validation.py",
-        "return as_given < UNLIKE and as_last > ALIKE",
+        "return likeness(quat) < UNLIKE and likeness(np.roll(quat, 1, axis=1)) > ALIKE",
         "return False",
         ("tests/diagnosis/recordings/test_recordings.py",),
     ),

@@ -58,7 +58,11 @@ def robot_of(path: Path, out: Path, name: str | None = None) -> Robot:
         raise ValueError(
             f"a task's name has letters, digits, '.', '-' and '_' only, and begins with a letter: not {name!r}"
         )
-    m = load_spec(path).compile()
+    spec = load_spec(path)
+    try:
+        m = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ValueError(f"MuJoCo cannot compile {path}: {' '.join(str(error).split())}") from None
     if not m.nu:
         raise ValueError(
             f"{path} has no actuators, so there is nothing for a policy to do; add an <actuator>"

@@ -73,9 +73,8 @@ def _entry(column: Column, part: int) -> dict[str, object]:
 def _time(overview: Overview, units: Mapping[str, tuple[str, str]]) -> Iterable[str]:
     if "time" in overview.given:
         return [_line("time", overview.given["time"], units)]
-    base = (
-        overview.joined.base if overview.joined else overview.log.tables[0] if overview.log.tables else None
-    )
+    tables = (overview.joined.base,) if overview.joined else overview.log.tables
+    base = tables[0] if tables else None
     if base is not None and base.time_title is not None and "time" in units:
         return [_line("time", {"from": base.time_title}, units)]
     if base is None or base.time is None:

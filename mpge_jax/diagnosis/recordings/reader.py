@@ -106,9 +106,10 @@ def _overlooked(
     if path.suffix.lower() != ".csv":
         return []
     lacking = [name for name, i in joint_columns(model, names, "qpos") if np.isnan(data["qpos"][:, i]).all()]
-    titles = raw_columns(path, set())[1]
+    # the titles are another reading of the file
+    titles = raw_columns(path, set())[1] if lacking else []
     unread = [t for t in titles if t not in read and unit_of(t)[0].partition(":")[0] not in KEYS]
-    if not lacking or not unread:
+    if not unread:
         return []
     return [
         f"{path.stem}: there are no positions of {', '.join(lacking)}, and {', '.join(unread)[:300]} "

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 
 import mujoco
 import numpy as np
 
 from mpge_jax.diagnosis.errors import InputError
+from mpge_jax.diagnosis.machine.joint_space import columns_of, difference
 from mpge_jax.diagnosis.machine.model import Names, is_scalar, qpos_columns, weighed_by_torque
 from mpge_jax.diagnosis.recordings.recording import Recording, longest_step, quaternion_columns
 
@@ -177,9 +177,7 @@ def _unit_quaternions(
                 f"{called(row)}, not 1; the order is w x y z."
             )
         quat = quat / norm[:, None]
-        if _real_part_last(
-            recording, quat, int(model.jnt_dofadr[joint]) + (start - int(model.jnt_qposadr[joint]))
-        ):
+        if _real_part_last(recording, model, quat, start):
             raise InputError(
                 f"{recording.name}: the quaternion of {names.joints[joint]} turns as its velocities say only if it is "
                 "read as x y z w; give it as w x y z."
@@ -190,28 +188,23 @@ def _unit_quaternions(
     return replace(recording, qpos=qpos)
 
 
-def _real_part_last(recording: Recording, quat: Array, dof: int) -> bool:
-    """Whether quaternions [T, 4] turn as the recorded angular velocity, whose first column is `dof`, does only if their
+def _real_part_last(recording: Recording, model: mujoco.MjModel, quat: Array, start: int) -> bool:
+    """Whether quaternions [T, 4], in columns from `start` on, turn as the recorded angular velocity does only if their
     last number is taken for the first."""
+    dof = dict(columns_of(model)[2])[start]
     if recording.qvel is None or recording.qvel.shape[1] < dof + 3:
         return False
     recorded = recording.qvel[:TURNS_LOOKED_AT, dof : dof + 3]
     if not np.isfinite(recorded).all():
         return False
-    between = 0.5 * (recorded[1:] + recorded[:-1])
-    as_given, as_last = (
-        _likeness(_turning(q[: len(recorded)], recording.time), between)
-        for q in (quat, np.roll(quat, 1, axis=1))
-    )
-    return as_given < UNLIKE and as_last > ALIKE
+    between, step = 0.5 * (recorded[1:] + recorded[:-1]), np.diff(recording.time[:TURNS_LOOKED_AT])
 
+    def likeness(as_read: Array) -> float:
+        qpos = recording.qpos[:TURNS_LOOKED_AT].copy()
+        qpos[:, start : start + 4] = as_read[:TURNS_LOOKED_AT]
+        return _likeness(difference(model, qpos[:-1], qpos[1:])[:, dof : dof + 3] / step[:, None], between)
 
-def _turning(quat: Array, time: Array) -> Array:
-    """Angular velocities [T - 1, 3] in the body's frame between quaternions [T, 4]."""
-    out = np.zeros((len(quat) - 1, 3))
-    for k, (before, after) in enumerate(pairwise(quat)):
-        mujoco.mju_subQuat(out[k], after, before)
-    return out / np.diff(time[: len(quat)])[:, None]
+    return likeness(quat) < UNLIKE and likeness(np.roll(quat, 1, axis=1)) > ALIKE
 
 
 def _likeness(a: Array, b: Array) -> float:
